@@ -1,0 +1,262 @@
+"""What a mesh achieves: planarity, balance of angles, cones, circles, corners, edges."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
+from pqmesh.mesh.topology import Stars
+from pqmesh.vectors import TINY, Floats, Indices, Mask, angle, cross, dot, norm, unit
+
+# Normals closer together than this cannot tell a cone from a plane (contract: flat vertex).
+FLAT_VERTEX = 1e-6
+# Below this relative singular value the normals of a vertex lie in one plane through 0.
+RANK_TOLERANCE = 1e-10
+
+
+class Cones(NamedTuple):
+    """Best common cone of the face planes at each interior vertex.
+
+    Attributes
+    ----------
+    vertices : (n,)
+    vectors : (n, 3)
+        w with n_f . w = 1 in the least-squares sense: the move of the vertex when every face
+        moves by 1 along its normal. The cone axis is its direction.
+    misfit : (n,)
+        max |n_f . w - 1|: error of the face distance per unit of offset.
+    spread : (n,)
+        Largest minus smallest signed angle between axis and faces, radians.
+    theta : (n,)
+        Angular radius of the face normals about the axis, radians.
+    """
+
+    vertices: Indices
+    vectors: Floats
+    misfit: Floats
+    spread: Floats
+    theta: Floats
+
+    @property
+    def is_flat(self) -> Mask:
+        """Vertices whose faces are one plane for our purposes: theta below 1e-6."""
+        return np.asarray(self.theta < FLAT_VERTEX)
+
+    @property
+    def relative_spread(self) -> Floats:
+        """Spread / theta, 0 where the vertex is flat; conical means all within tolerance."""
+        safe = np.where(self.is_flat, 1.0, self.theta)
+        return np.where(self.is_flat, 0.0, self.spread / safe)
+
+
+# --- faces ----------------------------------------------------------------------------------
+
+
+def planarity_deviation(mesh: QuadMesh) -> Floats:
+    """Distance between the two diagonals' lines of each quad, shape (F,), model unit.
+
+    Zero when the quad is flat, folded or crossed quads included: see `nonconvex_faces`.
+
+    References: [thesis] definition 2.1.4 as amended in the errata page, E2.
+
+    Examples
+    --------
+    >>> saddle = QuadMesh.of([[-1, -1, 1], [1, -1, -1], [1, 1, 1], [-1, 1, -1]], [[0, 1, 2, 3]])
+    >>> planarity_deviation(saddle)
+    array([2.])
+    """
+    a, b, c, d = np.moveaxis(mesh.corners, 1, 0)
+    normal = cross(c - a, d - b)
+    length = norm(normal)
+    volume = np.abs(dot(b - a, normal))
+    # Parallel diagonals lie in one plane: deviation 0.
+    return np.where(length > TINY, volume / np.where(length > TINY, length, 1.0), 0.0)
+
+
+def mean_diagonals(mesh: QuadMesh) -> Floats:
+    """Mean of the two diagonal lengths of each quad, shape (F,), model unit."""
+    a, b, c, d = np.moveaxis(mesh.corners, 1, 0)
+    return np.asarray(0.5 * (norm(c - a) + norm(d - b)))
+
+
+def planarity(mesh: QuadMesh) -> Floats:
+    """Planarity deviation over mean diagonal of each quad, shape (F,), dimensionless."""
+    size = mean_diagonals(mesh)
+    return np.where(size > TINY, planarity_deviation(mesh) / np.where(size > TINY, size, 1.0), 0.0)
+
+
+def tetrahedron_volume(mesh: QuadMesh) -> Floats:
+    """Signed volume of the four corners of each quad, shape (F,), model unit cubed."""
+    a, b, c, d = np.moveaxis(mesh.corners, 1, 0)
+    return np.asarray(dot(b - a, cross(c - a, d - a)) / 6.0)
+
+
+def corner_angles(mesh: PolyMesh) -> Floats:
+    """Angle in [0, 2 pi) at each corner, aligned with `topology.indices`; reflex beyond pi.
+
+    Measured counterclockwise about the face normal, so a folded or crossed face shows angles
+    above pi.
+    """
+    topology = mesh.topology
+    points = mesh.vertices[topology.indices]
+    outgoing = points[topology.corner_next] - points
+    incoming = np.empty_like(outgoing)
+    incoming[topology.corner_next] = -outgoing
+    normals = mesh.face_normals[topology.corner_faces]
+    plain = angle(outgoing, incoming)
+    turned = dot(cross(outgoing, incoming), normals) < 0
+    return np.where(turned, 2.0 * np.pi - plain, plain)
+
+
+def nonconvex_faces(mesh: PolyMesh) -> Indices:
+    """Faces that are not strictly convex: reflex, folded, crossed or without area; sorted.
+
+    A corner of exactly pi is legal (collinear consecutive edges); a face without area is not.
+    """
+    topology = mesh.topology
+    reflex = corner_angles(mesh) > np.pi * (1.0 + 1e-12)
+    area = norm(mesh.face_area_vectors)
+    perimeter = np.add.reduceat(mesh.edge_lengths[topology.face_edges], topology.offsets[:-1])
+    broken = area <= 1e-12 * perimeter**2
+    broken[topology.corner_faces[reflex]] = True
+    return np.flatnonzero(broken)
+
+
+def flipped_faces(mesh: PolyMesh) -> Indices:
+    """Faces turned over against their neighbours: normal beyond 120 degrees of their mean."""
+    topology = mesh.topology
+    pairs = topology.edge_faces[~topology.is_boundary_edge]
+    around = np.zeros((topology.n_faces, 3))
+    np.add.at(around, pairs[:, 0], mesh.face_normals[pairs[:, 1]])
+    np.add.at(around, pairs[:, 1], mesh.face_normals[pairs[:, 0]])
+    return np.flatnonzero(dot(unit(around), mesh.face_normals) < -0.5)
+
+
+def circularity_defect(mesh: QuadMesh) -> Floats:
+    """Alternating sum a1 - a2 + a3 - a4 of each face's corner angles, shape (F,), radians.
+
+    Zero on a convex flat quad exactly when its corners lie on a circle; corners are unsigned,
+    so flatness and convexity are judged apart.
+
+    References: [thesis] section 3.2; errata page, E12.
+    """
+    points = mesh.corners
+    outgoing = np.roll(points, -1, axis=1) - points
+    incoming = np.roll(points, 1, axis=1) - points
+    corners = angle(outgoing, incoming)
+    return np.asarray(corners @ np.array([1.0, -1.0, 1.0, -1.0]))
+
+
+def circle_deviation(mesh: QuadMesh) -> Floats:
+    """Ptolemy residual |ab||cd| + |bc||da| - |ac||bd| over the product of diagonals, (F,).
+
+    Zero exactly when the corners lie on one circle in this order; never negative but for
+    rounding. Detects non-planar and crossed quads as well.
+    """
+    a, b, c, d = np.moveaxis(mesh.corners, 1, 0)
+    diagonals = norm(c - a) * norm(d - b)
+    sides = norm(b - a) * norm(d - c) + norm(c - b) * norm(a - d)
+    return np.asarray((sides - diagonals) / np.where(diagonals > TINY, diagonals, 1.0))
+
+
+# --- vertices -------------------------------------------------------------------------------
+
+
+def star_angles(mesh: PolyMesh, star: Stars) -> Floats:
+    """Angles between consecutive edges around each vertex of an interior star, (n, k)."""
+    spokes = mesh.vertices[star.neighbors] - mesh.vertices[star.vertices][:, None]
+    return angle(spokes, np.roll(spokes, -1, axis=1))
+
+
+def conicality_defect(mesh: QuadMesh) -> tuple[Indices, Floats]:
+    """Interior vertices of valence 4 and their balance w1 - w2 + w3 - w4, radians.
+
+    Zero when the vertex is conical. A vertex with a flat edge may be conical with a defect
+    (errata page, E15); `fitted_cones` decides in every case.
+
+    References: [thesis] theorem 4.1.1; errata page, E15.
+    """
+    for star in mesh.topology.stars():
+        if star.neighbors.shape[1] == 4:
+            angles = star_angles(mesh, star)
+            return star.vertices, np.asarray(angles @ np.array([1.0, -1.0, 1.0, -1.0]))
+    return np.empty(0, dtype=np.int64), np.empty(0)
+
+
+def common_vectors(normals: Floats) -> Floats:
+    """Minimum-norm least-squares w of n_f . w = 1 for each set of normals (n, k, 3) -> (n, 3)."""
+    u, s, vt = np.linalg.svd(normals, full_matrices=False)
+    keep = s > RANK_TOLERANCE * s[:, :1]
+    weights = np.where(keep, u.sum(axis=1) / np.where(keep, s, 1.0), 0.0)
+    return np.asarray(np.einsum("nr,nri->ni", weights, vt))
+
+
+def fitted_cones(mesh: PolyMesh) -> Cones:
+    """Best common cone at every interior vertex of any valence, in rising vertex order.
+
+    References: theory: [pottmann2007]; [thesis] definition 3.2.2 with errata E14 (oriented
+    cones: one sign for all faces).
+    """
+    parts = []
+    for star in mesh.topology.stars():
+        normals = mesh.face_normals[star.faces]
+        vectors = common_vectors(normals)
+        along = np.einsum("nki,ni->nk", normals, vectors)
+        axis = unit(vectors)
+        across = norm(cross(normals, axis[:, None]))
+        slope = np.einsum("nki,ni->nk", normals, axis)
+        tilt = np.arctan2(across, slope)
+        parts.append(
+            (
+                star.vertices,
+                vectors,
+                np.abs(along - 1.0).max(axis=1),
+                np.ptp(tilt, axis=1),
+                tilt.max(axis=1),
+            )
+        )
+    if not parts:
+        none = np.empty(0)
+        return Cones(np.empty(0, dtype=np.int64), np.empty((0, 3)), none, none, none)
+    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    order = np.argsort(columns[0])
+    vertices, vectors, misfit, spread, theta = (column[order] for column in columns)
+    return Cones(vertices, vectors, misfit, spread, theta)
+
+
+# --- the table of the report ----------------------------------------------------------------
+
+
+def measures(mesh: QuadMesh) -> dict[str, float | int | None]:
+    """All measures of the report but twist: angles in degrees, lengths in the model unit.
+
+    A quantity that does not exist for this mesh (no interior vertex) is None.
+    """
+    cones = fitted_cones(mesh)
+    balance = np.abs(conicality_defect(mesh)[1])
+    corners = np.degrees(corner_angles(mesh))
+    flatness = planarity(mesh)
+    return {
+        "planarity_max": float(flatness.max()),
+        "planarity_mean": float(flatness.mean()),
+        "planarity_max_length": float(planarity_deviation(mesh).max()),
+        "cone_spread_max": _largest(cones.relative_spread),
+        "conicality_max_deg": _largest(np.degrees(balance)),
+        "conicality_mean_deg": float(np.degrees(balance).mean()) if len(balance) else None,
+        "circularity_max_deg": float(np.degrees(np.abs(circularity_defect(mesh))).max()),
+        "offset_misfit_max": _largest(cones.misfit),
+        "min_corner_deg": float(corners.min()),
+        "max_corner_deg": float(corners.max()),
+        "nonconvex_faces": len(nonconvex_faces(mesh)),
+        "flipped_faces": len(flipped_faces(mesh)),
+        "edge_min": float(mesh.edge_lengths.min()),
+        "edge_mean": mesh.mean_edge_length,
+        "edge_max": float(mesh.edge_lengths.max()),
+    }
+
+
+def _largest(values: Floats) -> float | None:
+    """Maximum, or None of nothing."""
+    return float(values.max()) if len(values) else None
