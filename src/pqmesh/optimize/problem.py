@@ -1,0 +1,116 @@
+"""What is to be optimised: named blocks of unknowns, terms, weights, fixed rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol, Self, runtime_checkable
+
+import numpy as np
+
+from pqmesh.errors import MeshError
+from pqmesh.vectors import Floats, Indices, Mask
+
+# Unknowns by name: rows of 3-vectors, e.g. "vertices" (V, 3) and "axes" (n, 3).
+Blocks = Mapping[str, Floats]
+
+
+@runtime_checkable
+class Term(Protocol):
+    """m like elements, each reading k rows of unknowns and giving r dimensionless residuals.
+
+    A term knows nothing of weights, columns or other terms; one from outside the package is
+    accepted wherever ours are.
+
+    Attributes
+    ----------
+    stencils : mapping of block name to (m, k_b) row numbers
+        The k rows of an element are those of the blocks, in the order of the mapping.
+    """
+
+    @property
+    def stencils(self) -> Mapping[str, Indices]:
+        """Rows that each element reads."""
+        ...
+
+    def evaluate(self, rows: Floats) -> tuple[Floats, Floats]:
+        """Residuals (m, r) and Jacobian (m, r, k, 3) at rows (m, k, 3)."""
+        ...
+
+
+@runtime_checkable
+class Refreshing(Protocol):
+    """A term that follows the unknowns, such as foot points on a surface."""
+
+    def refreshed(self, blocks: Blocks) -> Self:
+        """The term for the current unknowns, of the same stencils."""
+        ...
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A term with its role in a problem.
+
+    Attributes
+    ----------
+    name : str
+    term : Term
+    weight : float
+        On the mean square of the residuals, so it survives refinement and a change of unit.
+    hard : bool
+        Hard terms are driven to rounding error; soft terms are as small as these allow.
+    tolerance : float
+        Largest residual at which a hard term counts as reached.
+    """
+
+    name: str
+    term: Term
+    weight: float = 1.0
+    hard: bool = False
+    tolerance: float = 1e-12
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Unknowns, goals and fixed rows.
+
+    Parameters
+    ----------
+    blocks : mapping of name to (n, 3)
+        Start values.
+    goals : tuple of Goal
+    fixed : mapping of name to (n,) bool
+        Rows that must not move; missing blocks are free.
+
+    Raises
+    ------
+    MeshError
+        When a term reads a block or a row that does not exist.
+    """
+
+    blocks: Blocks
+    goals: tuple[Goal, ...]
+    fixed: Mapping[str, Mask] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for goal in self.goals:
+            for name, rows in goal.term.stencils.items():
+                if name not in self.blocks:
+                    raise MeshError(
+                        f"A term must read blocks that exist; {goal.name!r} reads {name!r}, the "
+                        f"problem has {sorted(self.blocks)}. Add the block."
+                    )
+                if rows.size and (rows.min() < 0 or rows.max() >= len(self.blocks[name])):
+                    raise MeshError(
+                        f"A stencil must index rows 0..{len(self.blocks[name]) - 1} of block "
+                        f"{name!r}; {goal.name!r} reads row {int(rows.max())}. Re-index it."
+                    )
+
+    def residuals(self, blocks: Blocks) -> dict[str, Floats]:
+        """Residuals (m, r) of every goal."""
+        return {goal.name: goal.term.evaluate(gathered(goal.term, blocks))[0] for goal in self.goals}
+
+
+def gathered(term: Term, blocks: Blocks) -> Floats:
+    """Rows (m, k, 3) that a term reads."""
+    return np.concatenate([blocks[name][rows] for name, rows in term.stencils.items()], axis=1)

@@ -1,0 +1,108 @@
+"""Ready problems: planar, conical and circular meshes near a reference surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pqmesh.errors import SpecError
+from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.optimize.problem import Goal, Problem
+from pqmesh.optimize.terms import (
+    Circularity,
+    Closeness,
+    Cone,
+    Conicality,
+    Gliding,
+    Planarity,
+    anchor,
+    fairness,
+    held_edges,
+)
+from pqmesh.surface.reference import Reference
+from pqmesh.vectors import Mask, norm
+
+KINDS = ("planar", "conical", "circular")
+BOUNDARIES = ("free", "fixed", "glide")
+# A boundary vertex whose edges turn by more than this is a corner and stays when gliding.
+CORNER_TURN = np.radians(30.0)
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Weights of the soft goals, on mean squares of residuals in mean edges."""
+
+    closeness: float = 1.0
+    edges: float = 1.0
+    fairness: float = 0.1
+    anchor: float = 1e-3
+    glide: float = 10.0
+
+
+def problem_for(
+    kind: str,
+    mesh: QuadMesh,
+    reference: Reference,
+    *,
+    boundary: str = "free",
+    weights: Weights | None = None,
+) -> Problem:
+    """Problem whose solution is a mesh of the given kind close to start and reference.
+
+    Parameters
+    ----------
+    kind : 'planar', 'conical' or 'circular'
+    mesh : QuadMesh
+    reference : Reference
+    boundary : 'free', 'fixed' or 'glide'
+    weights : Weights, optional
+
+    Raises
+    ------
+    SpecError
+        For an unknown kind or boundary.
+    """
+    if kind not in KINDS:
+        raise SpecError(f"The kind must be one of {', '.join(KINDS)}; found {kind!r}. Choose one.")
+    if boundary not in BOUNDARIES:
+        raise SpecError(
+            f"The boundary must be one of {', '.join(BOUNDARIES)}; found {boundary!r}. Choose one."
+        )
+    weights = weights or Weights()
+    blocks = {"vertices": mesh.vertices}
+    goals = [Goal("planarity", Planarity.on(mesh), hard=True, tolerance=1e-12)]
+    if kind == "conical":
+        goals.append(Goal("conicality", Conicality.on(mesh), hard=True, tolerance=1e-11))
+        if len(mesh.topology.irregular_vertices):
+            blocks["axes"] = Cone.start_axes(mesh)
+            goals.append(Goal("cone", Cone.on(mesh), hard=True, tolerance=1e-11))
+    if kind == "circular":
+        goals.append(Goal("circularity", Circularity.on(mesh), hard=True, tolerance=1e-11))
+    goals += [
+        Goal("closeness", Closeness.on(mesh, reference), weights.closeness),
+        Goal("edges", held_edges(mesh), weights.edges),
+        Goal("fairness", fairness(mesh), weights.fairness),
+        Goal("anchor", anchor(mesh), weights.anchor),
+    ]
+    fixed = {}
+    if boundary == "fixed":
+        fixed["vertices"] = mesh.topology.is_boundary_vertex
+    if boundary == "glide" and mesh.topology.is_boundary_vertex.any():
+        corners = boundary_corners(mesh)
+        fixed["vertices"] = corners
+        gliding = np.flatnonzero(mesh.topology.is_boundary_vertex & ~corners)
+        if len(gliding):
+            goals.append(Goal("glide", Gliding.on(mesh, gliding), weights.glide))
+    return Problem(blocks, tuple(goals), fixed)
+
+
+def boundary_corners(mesh: QuadMesh) -> Mask:
+    """Boundary vertices at which the boundary turns sharply, shape (V,)."""
+    corners = np.zeros(mesh.topology.n_vertices, dtype=np.bool_)
+    for loop in mesh.topology.boundary_loops:
+        points = mesh.vertices[loop]
+        ahead, behind = np.roll(points, -1, axis=0) - points, points - np.roll(points, 1, axis=0)
+        turn = np.arctan2(norm(np.cross(behind, ahead)), np.einsum("ni,ni->n", behind, ahead))
+        corners[loop[turn > CORNER_TURN]] = True
+    return corners

@@ -1,0 +1,124 @@
+"""Surfaces to stay close to: a parametric one, or a mesh taken as triangles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Protocol, Self
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pqmesh.surface.base import Surface
+from pqmesh.surface.closest import closest_point
+from pqmesh.vectors import TINY, Floats, cross, dot, norm, unit
+
+
+class Reference(Protocol):
+    """What the optimiser asks of a surface; an answer may remember where it looked."""
+
+    def closest(self, points: Floats) -> tuple[Floats, Floats, Self]:
+        """Closest points (N, 3), unit normals there, and the reference for the next call."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceReference:
+    """A parametric surface with the parameters found last as the next start.
+
+    Attributes
+    ----------
+    surface : Surface
+    uv : (N, 2), optional
+        Start parameters for the points of the next call.
+    """
+
+    surface: Surface
+    uv: Floats | None = None
+
+    def closest(self, points: Floats) -> tuple[Floats, Floats, SurfaceReference]:
+        """Closest points of the surface, by Newton's method from the last parameters."""
+        start = self.uv if self.uv is not None and len(self.uv) == len(points) else None
+        uv, jet, _ = closest_point(self.surface, points, start)
+        return jet.point, unit(cross(jet.du, jet.dv)), replace(self, uv=uv)
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleReference:
+    """A triangle mesh; the normal is that of the closest triangle.
+
+    Parameters
+    ----------
+    corners : (T, 3, 3)
+    """
+
+    corners: Floats
+    _tree: cKDTree = field(init=False, repr=False)
+    _reach: float = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        centers = self.corners.mean(axis=1)
+        reach = float(norm(self.corners - centers[:, None]).max())
+        object.__setattr__(self, "_tree", cKDTree(centers))
+        object.__setattr__(self, "_reach", reach)
+
+    @classmethod
+    def of_polygons(cls, vertices: Floats, faces: list[list[int]]) -> TriangleReference:
+        """Polygons as fans about their centres: symmetric, so no diagonal is preferred."""
+        triangles = []
+        for face in faces:
+            points = vertices[face]
+            if len(face) == 3:
+                triangles.append(points[None])
+                continue
+            center = np.broadcast_to(points.mean(axis=0), points.shape)
+            triangles.append(np.stack([points, np.roll(points, -1, axis=0), center], axis=1))
+        return cls(np.concatenate(triangles))
+
+    def closest(self, points: Floats) -> tuple[Floats, Floats, TriangleReference]:
+        """Exact closest points: nearest centres first, more of them until none can be missed."""
+        n, count = len(points), min(12, len(self.corners))
+        feet, which = np.empty((n, 3)), np.zeros(n, dtype=np.int64)
+        open_rows = np.arange(n)
+        while len(open_rows):
+            distance, near = self._tree.query(points[open_rows], k=count)
+            distance, near = distance.reshape(-1, count), near.reshape(-1, count)
+            places = _closest_on_triangles(self.corners[near], points[open_rows][:, None])
+            gaps = norm(places - points[open_rows][:, None])
+            best = gaps.argmin(axis=1)
+            row = np.arange(len(open_rows))
+            feet[open_rows], which[open_rows] = places[row, best], near[row, best]
+            done = gaps[row, best] <= distance[:, -1] - self._reach
+            if count == len(self.corners):
+                break
+            open_rows, count = open_rows[~done], min(4 * count, len(self.corners))
+        a, b, c = np.moveaxis(self.corners[which], 1, 0)
+        return feet, unit(cross(b - a, c - a)), self
+
+
+def _closest_on_triangles(corners: Floats, points: Floats) -> Floats:
+    """Closest points of triangles (..., 3, 3) to points (..., 3)."""
+    a, b, c = corners[..., 0, :], corners[..., 1, :], corners[..., 2, :]
+    normal = cross(b - a, c - a)
+    square = np.maximum(dot(normal, normal), TINY)
+    weights = np.stack(
+        [
+            dot(cross(c - b, points - b), normal),
+            dot(cross(a - c, points - c), normal),
+            dot(cross(b - a, points - a), normal),
+        ],
+        axis=-1,
+    )
+    inside = (weights >= 0).all(axis=-1) & (dot(normal, normal) > TINY)
+    best = np.einsum("...k,...ki->...i", weights / square[..., None], corners)
+    gap = np.where(inside, norm(best - points), np.inf)
+    for p, q in ((a, b), (b, c), (c, a)):
+        along = q - p
+        share = np.clip(dot(points - p, along) / np.maximum(dot(along, along), TINY), 0.0, 1.0)
+        place = p + share[..., None] * along
+        distance = norm(place - points)
+        closer = distance < gap
+        best = np.where(closer[..., None], place, best)
+        gap = np.where(closer, distance, gap)
+    return np.asarray(best)
+
+
