@@ -43,7 +43,8 @@ class SymmetricPattern:
 
     def values(self, contributions: Floats) -> Floats:
         """Stored values of the matrix, contributions added up."""
-        return np.bincount(self._place, contributions, minlength=len(self._rows))
+        summed = np.bincount(self._place, contributions, minlength=len(self._rows))
+        return np.asarray(summed, dtype=np.float64)
 
     def matrix(self, values: Floats) -> Any:
         """The matrix in compressed columns."""

@@ -1,11 +1,14 @@
 """Gauss-Newton with multipliers: hard goals to rounding error, soft goals as small as these allow.
 
-Each step solves the damped normal equations of
+First the descent. Each step solves the damped normal equations of
 
     soft(x) + lambda . h(x) + rho/2 |h(x)|^2
 
-and the multipliers follow by lambda += rho h. Unlike a penalty alone this has no floor: the hard
-residuals h fall to rounding error while the soft goals keep their say in what is left free.
+and the multipliers follow by lambda += rho h, the penalty rho grows. Unlike a penalty alone this
+has no floor: the hard residuals h fall to rounding error while the soft goals keep their say in
+what is left free. Where the descent does not settle (strongly curved constraints, a faceted
+reference whose normals jump), the finish takes over: Newton's projection onto h = 0, moving as
+little as possible in the metric of the soft goals.
 
 References: method of multipliers [hestenes1969], [powell1969].
 """
@@ -23,7 +26,7 @@ from pqmesh.optimize.linear import SymmetricPattern
 from pqmesh.optimize.problem import Goal, Problem, Refreshing, gathered
 from pqmesh.vectors import Floats, Indices, norm
 
-FIRST_PENALTY, LAST_PENALTY, PENALTY_GROWTH = 1e1, 1e9, 10.0
+FIRST_PENALTY, LAST_PENALTY, PENALTY_GROWTH = 1e1, 1e8, 10.0
 # Longest move of a vertex in one step, in mean edges.
 LONGEST_STEP = 0.3
 
@@ -136,6 +139,7 @@ class _State:
     multipliers: dict[str, Floats]
     penalty: float
     damping: float
+    finishing: bool = False
 
 
 def solve(
@@ -180,8 +184,12 @@ def solve(
             progress(number, step)
         if best.settled(steps):
             return best.solution(tuple(steps), "hard goals reached and nothing moves any more")
-        if best.stalled(steps):
-            return best.solution(tuple(steps), "no further progress")
+        if best.stuck(steps):
+            return best.solution(tuple(steps), _why_stuck(guard, state))
+        if state.finishing and best.stalled():
+            return best.solution(tuple(steps), _at_rest(best))
+        if not state.finishing and step.penalty >= LAST_PENALTY:
+            state = replace(state, finishing=True, multipliers={})
     return best.solution(tuple(steps), f"stopped after {most_steps} steps")
 
 
@@ -189,8 +197,9 @@ def _advance(
     state: _State, assembly: _Assembly, guard: Guard, length: float
 ) -> tuple[_State, Step | None]:
     """One accepted step, or None when even tiny ones break a face or raise the merit."""
-    refreshed = tuple(_refreshed(goal, state.blocks) for goal in state.goals)
-    state = replace(state, goals=refreshed)
+    if not state.finishing:
+        refreshed = tuple(_refreshed(goal, state.blocks) for goal in state.goals)
+        state = replace(state, goals=refreshed)
     evaluated = [goal.term.evaluate(gathered(goal.term, state.blocks)) for goal in state.goals]
     merit = _merit(state, [residual for residual, _ in evaluated])
     parts = []
@@ -199,6 +208,8 @@ def _advance(
         if goal.hard:
             residual = residual + state.multipliers.get(goal.name, 0.0) / state.penalty
             scale = scale * state.penalty
+        elif state.finishing:
+            residual = np.zeros_like(residual)
         parts.append((scale / state.penalty, residual, jacobian))
     damping = state.damping
     for _ in range(14):
@@ -248,7 +259,7 @@ def _merit(state: _State, residuals: list[Floats]) -> float:
         if goal.hard:
             residual = residual + state.multipliers.get(goal.name, 0.0) / state.penalty
         else:
-            weight = weight / state.penalty
+            weight = 0.0 if state.finishing else weight / state.penalty
         total += 0.5 * weight * float(np.sum(residual**2))
     return total
 
@@ -264,15 +275,19 @@ def _updated(
             residual = goal.term.evaluate(gathered(goal.term, blocks))[0]
             hard = max(hard, float(np.abs(residual).max(initial=0.0)))
             # A short step has not solved the inner problem; its multipliers would mislead.
-            if share == 1.0:
+            if share == 1.0 and not state.finishing:
                 known = multipliers.get(goal.name, 0.0)
                 multipliers[goal.name] = known + state.penalty * residual
     penalty = state.penalty
     if share == 1.0:
         penalty = min(penalty * PENALTY_GROWTH, LAST_PENALTY)
         damping = max(damping * 0.1, 1e-12)
+    elif share < 0.25:
+        damping = min(max(damping * 10.0, 1e-8), 1.0)
     step = Step(hard, moved, share, state.penalty)
-    return _State(blocks, state.goals, multipliers, penalty, damping), step
+    return replace(
+        state, blocks=blocks, multipliers=multipliers, penalty=penalty, damping=damping
+    ), step
 
 
 def _refreshed(goal: Goal, blocks: dict[str, Floats]) -> Goal:
@@ -285,7 +300,6 @@ def _refreshed(goal: Goal, blocks: dict[str, Floats]) -> Goal:
 def _why_stuck(guard: Guard, state: _State) -> str:
     """What holds the iteration back."""
     vertices = state.blocks["vertices"]
-    corners = vertices[guard.mesh.faces]
     lengths = norm(vertices[guard.mesh.edges[:, 1]] - vertices[guard.mesh.edges[:, 0]])
     edge = int((lengths / guard.least_edge).argmin())
     if lengths[edge] < 1.05 * guard.least_edge[edge]:
@@ -293,8 +307,15 @@ def _why_stuck(guard: Guard, state: _State) -> str:
         return (
             f"held back by the guard: edge {a}-{b} would shrink below {guard.least_edge[edge]:.3g}"
         )
-    del corners
     return "held back by the guard: every further step breaks a face or leads away"
+
+
+def _at_rest(best: _Best) -> str:
+    """Reason for an end at which the hard goals improve no more."""
+    if best.excess <= 1.0:
+        return "hard goals reached to rounding error"
+    worst = max(best.residuals, key=lambda name: best.residuals[name])
+    return f"no further progress: {worst} stays at {best.residuals[worst]:.3g}"
 
 
 class _Best:
@@ -322,11 +343,16 @@ class _Best:
         """Hard goals within tolerance and the last step small."""
         return self.history[-1] <= 1.0 and steps[-1].moved < 1e-5 and steps[-1].share == 1.0
 
-    def stalled(self, steps: list[Step]) -> bool:
-        """Eight steps without a better result, at full penalty."""
-        if len(steps) < 12 or steps[-1].penalty < LAST_PENALTY:
-            return False
-        return min(self.history[-8:]) >= 0.7 * min(self.history[:-8])
+    def stuck(self, steps: list[Step]) -> bool:
+        """Three short steps that hardly moved anything while hard goals are open."""
+        last = steps[-3:]
+        return self.history[-1] > 1.0 and len(last) == 3 and all(
+            step.moved < 1e-6 and step.share < 1.0 for step in last
+        )
+
+    def stalled(self) -> bool:
+        """Four steps without a better result."""
+        return len(self.history) > 6 and min(self.history[-4:]) >= 0.7 * min(self.history[:-4])
 
     def solution(self, steps: tuple[Step, ...], reason: str) -> Solution:
         """The result."""
