@@ -1,0 +1,96 @@
+"""The part of a surface that a network is to cover: a plan outline with holes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pqmesh.errors import SpecError
+from pqmesh.network.principal import Inside
+from pqmesh.surface.base import Surface
+from pqmesh.vectors import Floats, Mask, read_only
+
+
+@dataclass(frozen=True, eq=False)
+class PlanOutline:
+    """Polygon in plan (x, y), with holes; covers what stands above it.
+
+    Parameters
+    ----------
+    polygon : (n, 2), model unit
+        At least three corners, in either direction, not closed by repetition.
+    holes : sequence of (m, 2)
+
+    Raises
+    ------
+    SpecError
+        When a ring has fewer than three corners, is not finite or encloses no area.
+
+    Examples
+    --------
+    >>> square = PlanOutline([[0, 0], [2, 0], [2, 2], [0, 2]])
+    >>> square.contains(np.array([[1.0, 1.0, 5.0], [3.0, 1.0, 0.0]]))
+    array([ True, False])
+    >>> square.area
+    4.0
+    """
+
+    polygon: Floats
+    holes: tuple[Floats, ...] = ()
+    rings: tuple[Floats, ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        rings = tuple(
+            _ring(points, name)
+            for name, points in [
+                ("polygon", self.polygon),
+                *[(f"hole {i}", hole) for i, hole in enumerate(self.holes)],
+            ]
+        )
+        object.__setattr__(self, "polygon", rings[0])
+        object.__setattr__(self, "holes", rings[1:])
+        object.__setattr__(self, "rings", rings)
+
+    @property
+    def area(self) -> float:
+        """Area in plan, holes taken off."""
+        return abs(_signed_area(self.rings[0])) - sum(abs(_signed_area(r)) for r in self.rings[1:])
+
+    def contains(self, points: Floats) -> Mask:
+        """Truth for points (N, 2) or (N, 3): inside by the even-odd rule."""
+        inside = np.zeros(len(points), dtype=np.bool_)
+        x, y = points[:, 0], points[:, 1]
+        for ring in self.rings:
+            for (x0, y0), (x1, y1) in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+                if y0 == y1:
+                    continue
+                crosses = (y >= min(y0, y1)) & (y < max(y0, y1))
+                inside ^= crosses & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
+        return inside
+
+    def on(self, surface: Surface) -> Inside:
+        """The predicate over parameters that the network asks for."""
+        return lambda uv: self.contains(surface.jet(uv).point)
+
+
+def _ring(points: Floats, name: str) -> Floats:
+    """A checked ring."""
+    ring = read_only(points)
+    if ring.ndim != 2 or ring.shape[1] != 2 or len(ring) < 3:
+        raise SpecError(
+            f"An outline ring must be at least three points [x, y]; the {name} has shape "
+            f"{ring.shape}. Give a list of pairs."
+        )
+    if not np.isfinite(ring).all():
+        raise SpecError(f"An outline must be finite; the {name} is not. Mend its coordinates.")
+    if abs(_signed_area(ring)) <= 1e-12 * float(np.ptp(ring, axis=0).max()) ** 2:
+        raise SpecError(f"An outline must enclose area; the {name} has none. Mend its corners.")
+    return ring
+
+
+def _signed_area(ring: Floats) -> float:
+    """Area, positive counterclockwise."""
+    base = ring - ring[0]
+    following = np.roll(base, -1, axis=0)
+    return 0.5 * float(np.sum(base[:, 0] * following[:, 1] - base[:, 1] * following[:, 0]))
