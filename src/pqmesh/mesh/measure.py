@@ -14,6 +14,8 @@ from pqmesh.vectors import TINY, Floats, Indices, Mask, angle, cross, dot, norm,
 FLAT_VERTEX = 1e-6
 # Below this relative singular value the normals of a vertex lie in one plane through 0.
 RANK_TOLERANCE = 1e-10
+# Diagonals at a smaller angle (radians) count as parallel: a crossed or folded quad.
+PARALLEL_DIAGONALS = 1e-9
 
 
 class Cones(NamedTuple):
@@ -71,8 +73,10 @@ def planarity_deviation(mesh: QuadMesh) -> Floats:
     normal = cross(c - a, d - b)
     length = norm(normal)
     volume = np.abs(dot(b - a, normal))
-    # Parallel diagonals lie in one plane: deviation 0.
-    return np.where(length > TINY, volume / np.where(length > TINY, length, 1.0), 0.0)
+    # Parallel diagonals lie in one plane: deviation 0. Their cross product is rounding noise,
+    # whose direction would give any distance.
+    crossing = length > PARALLEL_DIAGONALS * norm(c - a) * norm(d - b)
+    return np.where(crossing, volume / np.where(crossing, length, 1.0), 0.0)
 
 
 def mean_diagonals(mesh: QuadMesh) -> Floats:

@@ -85,12 +85,12 @@ class PolyMesh:
     @cached_property
     def edge_vectors(self) -> Floats:
         """Vectors from the lower to the higher vertex of each edge, shape (E, 3)."""
-        return np.asarray(self.vertices[self.edges[:, 1]] - self.vertices[self.edges[:, 0]])
+        return read_only(self.vertices[self.edges[:, 1]] - self.vertices[self.edges[:, 0]])
 
     @cached_property
     def edge_lengths(self) -> Floats:
         """Edge lengths, shape (E,), model unit."""
-        return norm(self.edge_vectors)
+        return read_only(norm(self.edge_vectors))
 
     @cached_property
     def mean_edge_length(self) -> float:
@@ -109,19 +109,19 @@ class PolyMesh:
         base = self.vertices[topology.indices[topology.offsets[:-1]]]
         relative = self.vertices[topology.indices] - base[topology.corner_faces]
         products = cross(relative, relative[topology.corner_next])
-        return np.asarray(0.5 * np.add.reduceat(products, topology.offsets[:-1], axis=0))
+        return read_only(0.5 * np.add.reduceat(products, topology.offsets[:-1], axis=0))
 
     @cached_property
     def face_normals(self) -> Floats:
         """Unit face normals, shape (F, 3); zero for a face without area."""
-        return unit(self.face_area_vectors)
+        return read_only(unit(self.face_area_vectors))
 
     @cached_property
     def face_centers(self) -> Floats:
         """Means of the corners, shape (F, 3)."""
         topology = self.topology
         sums = np.add.reduceat(self.vertices[topology.indices], topology.offsets[:-1], axis=0)
-        return np.asarray(sums / topology.face_sizes[:, None])
+        return read_only(sums / topology.face_sizes[:, None])
 
     @cached_property
     def vertex_normals(self) -> Floats:
@@ -129,7 +129,7 @@ class PolyMesh:
         topology = self.topology
         sums = np.zeros((topology.n_vertices, 3))
         np.add.at(sums, topology.indices, self.face_area_vectors[topology.corner_faces])
-        return unit(sums)
+        return read_only(unit(sums))
 
 
 class QuadMesh(PolyMesh):
@@ -159,4 +159,4 @@ class QuadMesh(PolyMesh):
     @cached_property
     def corners(self) -> Floats:
         """Corner positions, shape (F, 4, 3)."""
-        return np.asarray(self.vertices[self.faces])
+        return read_only(self.vertices[self.faces])

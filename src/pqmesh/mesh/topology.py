@@ -163,7 +163,11 @@ class Topology:
         of_corner = of_corner.reshape(-1)
         faces = np.full((len(edges), 2), -1, dtype=np.int64)
         faces[of_corner, (tail > head).astype(np.int64)] = self.corner_faces
-        return edges, of_corner, faces
+        return (
+            read_only(edges, np.int64),
+            read_only(of_corner, np.int64),
+            read_only(faces, np.int64),
+        )
 
     @property
     def edges(self) -> Indices:
@@ -232,7 +236,9 @@ class Topology:
         for step in range(int(counts.max(initial=0))):
             alive = alive[(step < counts[alive]) & (current[alive] >= 0)]
             walk[bounds[alive] + step] = current[alive]
-            current[alive] = turn[current[alive]]
+            after = turn[current[alive]]
+            # A closed fan ends where it began, so that a second fan stays unreached.
+            current[alive] = np.where(after == start[alive], -1, after)
         return walk, bounds
 
     def star(self, vertex: int) -> tuple[Indices, Indices]:
@@ -270,7 +276,7 @@ class Topology:
     @cached_property
     def irregular_vertices(self) -> Indices:
         """Interior vertices of valence other than 4."""
-        return np.flatnonzero(~self.is_boundary_vertex & (self.valence != 4))
+        return read_only(np.flatnonzero(~self.is_boundary_vertex & (self.valence != 4)), np.int64)
 
     # --- chains -----------------------------------------------------------------------------
 
@@ -356,7 +362,7 @@ class Topology:
             if star.neighbors.shape[1] == 3:
                 n = star.neighbors
                 triples.append(np.stack([n[:, 0], star.vertices, n[:, 2]], axis=1))
-        return np.concatenate(triples)
+        return read_only(np.concatenate(triples), np.int64)
 
     # --- checks at the door -----------------------------------------------------------------
 

@@ -181,10 +181,8 @@ class _Builder:
                 self._limit(len(families[family]))
         return CurveNetwork(self.surface, (families[0], families[1]), found)
 
-    def _uncrowded(
-        self, families: list[Lines], found: Crossings, family: int, old: int
-    ) -> int:
-        """How many of the lines from `old` on, in order, keep half a panel from their neighbours."""
+    def _uncrowded(self, families: list[Lines], found: Crossings, family: int, old: int) -> int:
+        """How many lines from `old` on, in order, keep half a panel from their neighbours."""
         least = np.log(0.55 * self.spacing.along[1 - family])
         crowded = len(families[family])
         for pair, pieces in self._pieces(families, found, family).items():
@@ -231,7 +229,13 @@ class _Builder:
         return _Tail(line, backward, step, arcs)
 
     def _room(
-        self, rails: Lines, line: int, arcs: Floats, backward: bool, wanted: float, start: float | None
+        self,
+        rails: Lines,
+        line: int,
+        arcs: Floats,
+        backward: bool,
+        wanted: float,
+        start: float | None,
     ) -> tuple[float, float, float]:
         """Arc length left on a rail past its last crossing inside the region, and the step."""
         total = float(rails.total[line])
@@ -271,9 +275,7 @@ class _Builder:
         step = float(gaps[widest]) / count
         return step * (count - 1), step, float(arcs[widest])
 
-    def _seeds_at(
-        self, rails: Lines, line: Indices, arcs: Floats
-    ) -> _Seeds:
+    def _seeds_at(self, rails: Lines, line: Indices, arcs: Floats) -> _Seeds:
         """Parameters on rails, and start directions across them."""
         total = rails.total[line]
         arcs = np.where(rails.closed[line], np.mod(arcs, total), np.clip(arcs, 0.0, total))

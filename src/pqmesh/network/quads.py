@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -88,7 +89,7 @@ def filled(quads: Indices, chosen: Mask, usable: Mask) -> Mask:
             marks = np.flatnonzero(chosen[strip])
             if len(marks) < 2:
                 continue
-            for low, high in zip(marks[:-1], marks[1:], strict=True):
+            for low, high in itertools.pairwise(marks):
                 gap = strip[low + 1 : high]
                 if len(gap) and usable[gap].all():
                     chosen[gap] = True
@@ -194,4 +195,6 @@ def _fans(faces: list[int], pairs: list[tuple[int, int]]) -> list[list[int]]:
     n = len(faces)
     graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
     label = connected_components(graph, directed=False)[1]
-    return [sorted(face for face in faces if label[place[face]] == k) for k in range(max(label) + 1)]
+    return [
+        sorted(face for face in faces if label[place[face]] == k) for k in range(max(label) + 1)
+    ]

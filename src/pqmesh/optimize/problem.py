@@ -108,7 +108,9 @@ class Problem:
 
     def residuals(self, blocks: Blocks) -> dict[str, Floats]:
         """Residuals (m, r) of every goal."""
-        return {goal.name: goal.term.evaluate(gathered(goal.term, blocks))[0] for goal in self.goals}
+        return {
+            goal.name: goal.term.evaluate(gathered(goal.term, blocks))[0] for goal in self.goals
+        }
 
 
 def gathered(term: Term, blocks: Blocks) -> Floats:

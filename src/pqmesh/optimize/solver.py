@@ -240,9 +240,7 @@ def _line_search(
         blocks = assembly.moved(state.blocks, share * direction)
         faces, edges = guard.broken(blocks["vertices"])
         if not (faces.any() or edges.any()):
-            residuals = [
-                goal.term.evaluate(gathered(goal.term, blocks))[0] for goal in state.goals
-            ]
+            residuals = [goal.term.evaluate(gathered(goal.term, blocks))[0] for goal in state.goals]
             # Near the end the merit is flat to rounding: a tiny step is taken as it is.
             slack = 1e-12 * abs(merit) + 1e-300
             if _merit(state, residuals) <= merit + slack or share * longest < 1e-9 * length:
@@ -346,8 +344,10 @@ class _Best:
     def stuck(self, steps: list[Step]) -> bool:
         """Three short steps that hardly moved anything while hard goals are open."""
         last = steps[-3:]
-        return self.history[-1] > 1.0 and len(last) == 3 and all(
-            step.moved < 1e-6 and step.share < 1.0 for step in last
+        return (
+            self.history[-1] > 1.0
+            and len(last) == 3
+            and all(step.moved < 1e-6 and step.share < 1.0 for step in last)
         )
 
     def stalled(self) -> bool:

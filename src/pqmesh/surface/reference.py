@@ -120,5 +120,3 @@ def _closest_on_triangles(corners: Floats, points: Floats) -> Floats:
         best = np.where(closer[..., None], place, best)
         gap = np.where(closer, distance, gap)
     return np.asarray(best)
-
-

@@ -46,5 +46,5 @@ class Planarity:
 
 
 def _reciprocal(p: Floats, q: Floats) -> Floats:
-    """q x (p x q) = p |q|^2 - q (p.q): part of p across q, times |q|^2."""
+    """Q x (p x q) = p |q|^2 - q (p.q): part of p across q, times |q|^2."""
     return np.asarray(p * dot(q, q)[:, None] - q * dot(p, q)[:, None])
