@@ -196,7 +196,8 @@ def test_conjugate_cubic_cells_have_the_same_volume_and_are_flat_for_matching_st
         law = -c1 / (6 * c2) * (h * k) ** 2 * ((c1 * k) ** 2 - (c2 * h) ** 2) * np.linalg.det(first)
         # Cells of volume 1e-4 on a surface of size 10: 1e-12 of that size.
         assert np.abs(6 * np.abs(tetrahedron_volume(net(h, k))) - abs(law)).max() < 1e-12
-        assert planarity(net(h, k)).min() > 1e-6
+        # Far above the rounding that the matching steps below leave.
+        assert planarity(net(h, k)).min() > 1e-8
     assert planarity(net(0.2, 0.2 * abs(c2 / c1))).max() < 1e-12
 
 
