@@ -1,0 +1,55 @@
+"""pqmesh: freeform surfaces to planar, conical and circular quad meshes with exact offsets.
+
+The public names are imported when they are used, so that `import pqmesh` stays fast.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+__version__ = "0.1.0"
+
+# Public name -> module, grouped by stage.
+_PUBLIC = {
+    "Topology": "mesh.topology",
+    "PolyMesh": "mesh.quadmesh",
+    "QuadMesh": "mesh.quadmesh",
+    "measures": "mesh.measure",
+    "read_mesh": "io.formats",
+    "write_mesh": "io.formats",
+    "Domain": "surface.base",
+    "BSplineSurface": "surface.bspline",
+    "FormulaSurface": "surface.formula",
+    "graph_surface": "surface.formula",
+    "shape_surface": "surface.analytic",
+    "find_umbilics": "surface.umbilics",
+    "PlanOutline": "network.region",
+    "trace_principal_network": "network.principal",
+    "quads_from_network": "network.meshing",
+    "problem_for": "optimize.recipes",
+    "solve": "optimize.solver",
+    "face_offset": "offset.offsets",
+    "vertex_offset": "offset.offsets",
+    "support_structure": "offset.support",
+    "Design": "design",
+    "Spec": "panelize",
+    "Panelization": "panelize",
+    "panelize": "panelize",
+    "PqmeshError": "errors",
+}
+
+__all__ = sorted([*_PUBLIC, "__version__"])
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, from its module."""
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'pqmesh' has no attribute {name!r}")
+    value = getattr(import_module(f"pqmesh.{_PUBLIC[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

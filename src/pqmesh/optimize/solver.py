@@ -27,6 +27,9 @@ from pqmesh.optimize.problem import Goal, Problem, Refreshing, gathered
 from pqmesh.vectors import Floats, Indices, norm
 
 FIRST_PENALTY, LAST_PENALTY, PENALTY_GROWTH = 1e1, 1e8, 10.0
+# The soft goals damp the finish where hard goals nearly depend on each other (closed meshes), so
+# there they fade further.
+FINISH_PENALTY = 1e12
 # Longest move of a vertex in one step, in mean edges.
 LONGEST_STEP = 0.3
 
@@ -97,7 +100,7 @@ class _Assembly:
             row_column[self.first[name] + stencil] for name, stencil in goal.term.stencils.items()
         ]
         table = 3 * np.concatenate(rows, axis=1)[:, :, None] + np.arange(3)
-        return np.asarray(table.reshape(len(table), -1))
+        return np.asarray(table.reshape(len(table), 3 * table.shape[1]))
 
     def moved(self, blocks: dict[str, Floats], step: Floats) -> dict[str, Floats]:
         """Blocks after a step of the free rows."""
@@ -116,7 +119,7 @@ class _Assembly:
         for (scale, residual, jacobian), table, kept in zip(
             parts, self.columns, self.slots, strict=True
         ):
-            flat = jacobian.reshape(*jacobian.shape[:2], -1)
+            flat = jacobian.reshape(*jacobian.shape[:2], table.shape[1])
             weighted = scale[:, None, None] * flat
             local = np.matmul(weighted.transpose(0, 2, 1), flat)
             contributions.append(local[kept])
@@ -278,7 +281,8 @@ def _updated(
                 multipliers[goal.name] = known + state.penalty * residual
     penalty = state.penalty
     if share == 1.0:
-        penalty = min(penalty * PENALTY_GROWTH, LAST_PENALTY)
+        highest = FINISH_PENALTY if state.finishing else LAST_PENALTY
+        penalty = min(penalty * PENALTY_GROWTH, highest)
         damping = max(damping * 0.1, 1e-12)
     elif share < 0.25:
         damping = min(max(damping * 10.0, 1e-8), 1.0)

@@ -1,0 +1,243 @@
+"""The main job: a surface becomes a panelled roof with its layers and its support structure."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pqmesh.errors import SpecError
+from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.network.meshing import NetworkMesh, quads_from_network
+from pqmesh.network.principal import CurveNetwork, Inside, trace_principal_network
+from pqmesh.network.region import PlanOutline
+from pqmesh.offset.offsets import Layer, offset_layer, offset_vectors
+from pqmesh.offset.support import SupportStructure, support_structure
+from pqmesh.offset.vectors import OffsetVectors
+from pqmesh.optimize.recipes import Weights, problem_for
+from pqmesh.optimize.solver import Solution, Step, solve
+from pqmesh.surface.base import Surface
+from pqmesh.surface.curvature import first_form
+from pqmesh.surface.reference import Reference, SurfaceReference
+from pqmesh.surface.umbilics import UmbilicReport, find_umbilics
+from pqmesh.vectors import Floats, norm
+
+# Told the stage that begins and, while optimising, the last step.
+Progress = Callable[[str, Step | None], None]
+# With `within`, closeness is raised by this factor until the mesh is near enough.
+CLOSER, CLOSEST = 10.0, 1e7
+
+
+@dataclass(frozen=True)
+class Spec:
+    """What is wanted of a roof, lengths in the model unit.
+
+    Attributes
+    ----------
+    edges : (float, float)
+        Wanted panel edge along the lines of larger and of smaller principal curvature.
+    kind : 'planar', 'conical' or 'circular'
+    distances : tuple of float
+        Signed offset distances of the layers.
+    boundary : 'free', 'fixed' or 'glide'
+    within : float, optional
+        Stay this close to the surface.
+    flip : bool
+        Turn the orientation: normals downwards.
+    most_panels : int
+        Refuse when more panels than this are to be expected.
+    """
+
+    edges: tuple[float, float]
+    kind: str = "conical"
+    distances: tuple[float, ...] = ()
+    boundary: str = "free"
+    within: float | None = None
+    flip: bool = False
+    most_panels: int = 1_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Panelization:
+    """One field a stage; later stages never write into earlier ones.
+
+    Attributes
+    ----------
+    orientation : str
+        Which way the normals look, and whether faces were reversed for it.
+    start : QuadMesh
+        The mesh of the network before optimisation.
+    uv : (V, 2)
+        Surface parameters of its vertices.
+    seconds : mapping of stage to seconds
+    """
+
+    surface: Surface
+    spec: Spec
+    outline: PlanOutline | None
+    umbilics: UmbilicReport
+    network: CurveNetwork
+    network_mesh: NetworkMesh
+    orientation: str
+    start: QuadMesh
+    solution: Solution
+    mesh: QuadMesh
+    vectors: OffsetVectors
+    layers: tuple[Layer, ...]
+    support: SupportStructure | None
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def uv(self) -> Floats:
+        """Surface parameters of the start vertices."""
+        return self.network_mesh.uv
+
+
+def panelize(
+    surface: Surface,
+    spec: Spec,
+    outline: PlanOutline | None = None,
+    progress: Progress | None = None,
+) -> Panelization:
+    """Network, mesh, optimisation, layers and support structure of a surface.
+
+    Parameters
+    ----------
+    surface : Surface
+    spec : Spec
+    outline : PlanOutline, optional
+        The plan region to cover; the whole surface otherwise.
+    progress : callable, optional
+
+    Raises
+    ------
+    SpecError
+        When the edge does not fit the surface.
+    NetworkError
+        When the surface has no network, or none in the region.
+
+    Examples
+    --------
+    >>> from pqmesh.surface.analytic import torus
+    >>> roof = panelize(torus(3.0, 1.0), Spec(edges=(0.6, 0.6), distances=(0.1,)))
+    >>> roof.solution.converged, roof.layers[0].distance_error_max < 1e-12
+    (True, True)
+    """
+    tell = progress or (lambda stage, step: None)
+    clock = _Clock()
+    inside = outline.on(surface) if outline is not None else None
+    _check_edges(surface, spec, inside)
+    tell("network", None)
+    umbilics = find_umbilics(surface, inside)
+    network = trace_principal_network(surface, spec.edges, inside)
+    network_mesh = quads_from_network(network, inside)
+    start, orientation = _oriented(network_mesh.mesh, flip=spec.flip)
+    clock.lap("network")
+    tell("optimize", None)
+    solution = _optimized(start, SurfaceReference(surface, network_mesh.uv), spec, tell)
+    mesh = start.with_vertices(solution.blocks["vertices"])
+    clock.lap("optimize")
+    tell("offset", None)
+    vectors = offset_vectors(mesh, spec.kind)
+    layers = tuple(offset_layer(mesh, vectors, distance) for distance in spec.distances)
+    support = _support(mesh, vectors, spec.distances)
+    clock.lap("offset")
+    return Panelization(
+        surface,
+        spec,
+        outline,
+        umbilics,
+        network,
+        network_mesh,
+        orientation,
+        start,
+        solution,
+        mesh,
+        vectors,
+        layers,
+        support,
+        clock.seconds,
+    )
+
+
+class _Clock:
+    """Seconds of each stage."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, stage: str) -> None:
+        now = time.perf_counter()
+        self.seconds[stage] = now - self._last
+        self._last = now
+
+
+def _check_edges(surface: Surface, spec: Spec, inside: Inside | None) -> None:
+    """Refuse edges longer than the region, and panels beyond counting."""
+    uv = surface.domain.grid(40, 40).reshape(-1, 2)
+    cell = float(np.prod(surface.domain.size)) / len(uv)
+    if inside is not None:
+        uv = uv[inside(uv)]
+        if not len(uv):
+            raise SpecError(
+                "The outline must lie over the surface; no sampled point of the surface is inside "
+                "it. Move one of the two, and check their units."
+            )
+    jet = surface.jet(uv)
+    area = cell * float(np.sqrt(np.maximum(np.linalg.det(first_form(jet)), 0.0)).sum())
+    size = float(np.linalg.norm(np.ptp(jet.point, axis=0)))
+    if max(spec.edges) >= size:
+        raise SpecError(
+            f"panels.edge must be shorter than the roof; found {max(spec.edges):g} for a roof of "
+            f"extent {size:.4g}. Shorten it, and check the units."
+        )
+    panels = area / (spec.edges[0] * spec.edges[1])
+    if panels > spec.most_panels:
+        raise SpecError(
+            f"A roof may have at most {spec.most_panels} panels; edges of {spec.edges[0]:g} and "
+            f"{spec.edges[1]:g} on {area:.4g} square units make about {panels:.3g}. Lengthen the "
+            f"edge, or raise run.most_panels."
+        )
+
+
+def _oriented(mesh: QuadMesh, *, flip: bool) -> tuple[QuadMesh, str]:
+    """Mesh with its normals upwards on average (downwards with flip), and words for it."""
+    up = float(mesh.face_area_vectors[:, 2].sum())
+    # A closed or upright mesh has no upper side: it keeps the surface's own.
+    clear = abs(up) > 1e-6 * float(norm(mesh.face_area_vectors).sum())
+    reverse = (clear and up < 0) != flip
+    side = "upwards" if not flip else "downwards"
+    words = (
+        f"normals {side}" if clear else "normals as the surface's" + (", turned" if flip else "")
+    )
+    return (mesh.reversed() if reverse else mesh), words
+
+
+def _optimized(start: QuadMesh, reference: Reference, spec: Spec, tell: Progress) -> Solution:
+    """Solution of the recipe; with `within`, pulled closer until it is near enough."""
+    weights = Weights()
+    while True:
+        problem = problem_for(spec.kind, start, reference, boundary=spec.boundary, weights=weights)
+        solution = solve(problem, start, progress=lambda _, step: tell("optimize", step))
+        if spec.within is None or weights.closeness * CLOSER > CLOSEST:
+            return solution
+        feet, _, _ = reference.closest(solution.blocks["vertices"])
+        if float(norm(solution.blocks["vertices"] - feet).max()) <= spec.within:
+            return solution
+        weights = Weights(closeness=weights.closeness * CLOSER)
+
+
+def _support(
+    mesh: QuadMesh, vectors: OffsetVectors, distances: tuple[float, ...]
+) -> SupportStructure | None:
+    """Webs from the lowest to the highest layer, the mesh itself at 0; none without layers."""
+    if not distances:
+        return None
+    lower, upper = (
+        mesh.with_vertices(mesh.vertices + d * vectors.vectors)
+        for d in (min(0.0, *distances), max(0.0, *distances))
+    )
+    return support_structure(mesh, vectors.axes, lower, upper)

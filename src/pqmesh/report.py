@@ -1,0 +1,354 @@
+"""The numbers of a result, as contract keys: report.json of `panelize`, and `check --json`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import pqmesh
+from pqmesh.mesh.measure import (
+    circularity_defect,
+    corner_angles,
+    fitted_cones,
+    flipped_faces,
+    measures,
+    nonconvex_faces,
+    planarity,
+    planarity_deviation,
+)
+from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
+from pqmesh.network.principal import Inside
+from pqmesh.offset.support import SupportStructure, twist
+from pqmesh.offset.offsets import Layer, offset_vectors
+from pqmesh.optimize.solver import Solution
+from pqmesh.panelize import Panelization
+from pqmesh.surface.base import Surface
+from pqmesh.surface.curvature import first_form
+from pqmesh.surface.reference import Reference, SurfaceReference, TriangleReference
+from pqmesh.vectors import norm
+
+SCHEMA = 1
+# A sampled point of the surface counts as covered within this share of the mean edge.
+COVERED = 0.05
+# An edge shorter than this share of the mean is listed as tiny.
+TINY_EDGE = 0.05
+
+
+def panelization_report(
+    result: Panelization,
+    *,
+    source: str,
+    units: str,
+    seed: int,
+    design: dict[str, Any],
+    tolerances: dict[str, float],
+) -> dict[str, Any]:
+    """All report keys but `timing` and the writing of files."""
+    mesh = result.mesh
+    reference = SurfaceReference(result.surface, result.uv)
+    report: dict[str, Any] = {
+        "schema": SCHEMA,
+        "version": pqmesh.__version__,
+        "units": units,
+        "kind": result.spec.kind,
+        "input": source,
+        "design": design,
+        "seed": seed,
+        "orientation": result.orientation,
+        "mesh": mesh_counts(mesh),
+        "before": all_measures(result.start, result.spec.kind),
+        "after": all_measures(mesh, result.spec.kind),
+        "deviation": deviation(result.start, mesh, reference),
+        "network": _network(result),
+        "layers": [_layer(layer) for layer in result.layers],
+        "support": _support(result.support),
+        "panels": {
+            "count": mesh.topology.n_faces,
+            "trimmed": 0,
+            "slivers": 0,
+            "area_total": float(norm(mesh.face_area_vectors).sum()),
+        },
+        "solver": solver_report(result.solution),
+        "warnings": _warnings(result),
+    }
+    report["tolerance"] = _tolerance(report, tolerances)
+    return report
+
+
+def optimization_report(
+    start: QuadMesh,
+    mesh: QuadMesh,
+    solution: Solution,
+    reference: Reference,
+    *,
+    kind: str,
+    source: str,
+    units: str,
+    flat: float,
+) -> dict[str, Any]:
+    """Report of `optimize`: the same keys where they exist."""
+    report: dict[str, Any] = {
+        "schema": SCHEMA,
+        "version": pqmesh.__version__,
+        "units": units,
+        "kind": kind,
+        "input": source,
+        "mesh": mesh_counts(mesh),
+        "before": all_measures(start, kind),
+        "after": all_measures(mesh, kind),
+        "deviation": deviation(start, mesh, reference),
+        "solver": solver_report(solution),
+    }
+    asked: dict[str, float] = {"planar": flat}
+    reached: dict[str, Any] = {"planar": report["after"]["planarity_max"]}
+    if kind == "conical":
+        asked["conical"], reached["conical"] = 1e-6, report["after"]["cone_spread_max"]
+    if kind == "circular":
+        asked["circular"] = 1e-6
+        reached["circular"] = float(np.abs(circularity_defect(mesh)).max())
+    report["tolerance"] = [_judged(key, asked[key], reached[key]) for key in asked]
+    return report
+
+
+def check_report(
+    mesh: QuadMesh, *, source: str, units: str | None, tolerance: float
+) -> dict[str, Any]:
+    """What a mesh is, by the tolerance; quantities of later releases are None."""
+    found = all_measures(mesh, "conical")
+    flat = found["planarity_max"] <= tolerance
+    spread, misfit = found["cone_spread_max"], found["offset_misfit_max"]
+    conical = bool(flat and (spread is None or spread <= tolerance))
+    circular = bool(flat and np.abs(circularity_defect(mesh)).max() <= tolerance)
+    return {
+        "schema": SCHEMA,
+        "version": pqmesh.__version__,
+        "input": source,
+        "units": units,
+        "tolerance": tolerance,
+        "mesh": mesh_counts(mesh),
+        "measures": found,
+        "planar": bool(flat),
+        "circular": circular,
+        "conical": conical,
+        "edge_offset": None,
+        "parallel_dimension": None,
+        "parallel_gap": None,
+        "offsets": {
+            "vertex": None,
+            "edge": None,
+            "face": {"exists": conical, "family_dimension": None, "error": misfit},
+        },
+        "problems": problems(mesh, tolerance),
+    }
+
+
+# --- parts ----------------------------------------------------------------------------------
+
+
+def mesh_counts(mesh: PolyMesh) -> dict[str, int]:
+    """Counts of the combinatorics."""
+    topology = mesh.topology
+    return {
+        "vertices": topology.n_vertices,
+        "faces": topology.n_faces,
+        "edges": topology.n_edges,
+        "boundary_loops": len(topology.boundary_loops),
+        "irregular_vertices": len(topology.irregular_vertices),
+        "euler_characteristic": topology.euler_characteristic,
+        "pieces": int(topology.components.max()) + 1,
+    }
+
+
+def all_measures(mesh: QuadMesh, kind: str) -> dict[str, Any]:
+    """Measures of the mesh with the twist of its node axes."""
+    found: dict[str, Any] = measures(mesh)
+    found["twist_max_deg"] = None
+    # Axes of circular meshes are those of the vertex offset; a mesh in pieces has none.
+    if kind != "circular" or mesh.topology.components.max() == 0:
+        axes = offset_vectors(mesh, "circular" if kind == "circular" else "conical").axes
+        found["twist_max_deg"] = float(np.degrees(twist(mesh, axes).max()))
+    return found
+
+
+def deviation(start: QuadMesh, mesh: QuadMesh, reference: Reference) -> dict[str, float]:
+    """Distances to the reference and from the start, model unit."""
+    feet, _, _ = reference.closest(mesh.vertices)
+    distance = norm(feet - mesh.vertices)
+    return {
+        "max": float(distance.max()),
+        "rms": float(np.sqrt(np.mean(distance**2))),
+        "moved_max": float(norm(mesh.vertices - start.vertices).max()),
+    }
+
+
+def coverage(
+    surface: Surface, mesh: QuadMesh, inside: Inside | None, n: int = 120
+) -> dict[str, float]:
+    """How much of the surface's region the mesh covers, and how far the rest is from it.
+
+    Measured from the surface to the mesh: a mesh that slides or shrinks stays close to the
+    surface, but leaves the surface bare.
+    """
+    uv = surface.domain.grid(n, n).reshape(-1, 2)
+    if inside is not None:
+        uv = uv[inside(uv)]
+    jet = surface.jet(uv)
+    weights = np.sqrt(np.maximum(np.linalg.det(first_form(jet)), 0.0))
+    triangles = TriangleReference.of_polygons(mesh.vertices, mesh.topology.face_lists())
+    feet, _, _ = triangles.closest(jet.point)
+    distance = norm(feet - jet.point)
+    near = distance <= COVERED * mesh.mean_edge_length
+    return {
+        "covered_share": float(weights[near].sum() / weights.sum()),
+        "surface_to_mesh_max": float(distance.max()),
+    }
+
+
+def solver_report(solution: Solution) -> dict[str, Any]:
+    """How the optimisation ended."""
+    return {
+        "converged": solution.converged,
+        "iterations": len(solution.steps),
+        "reason": solution.reason,
+    }
+
+
+def problems(mesh: QuadMesh, tolerance: float) -> list[dict[str, Any]]:
+    """What is unusual about a mesh, each kind once with its places."""
+    cones = fitted_cones(mesh)
+    corners = corner_angles(mesh)
+    lengths = mesh.edge_lengths
+    tiny = np.flatnonzero(lengths < TINY_EDGE * lengths.mean())
+    straight = np.unique(mesh.topology.corner_faces[np.abs(corners - np.pi) < 1e-9])
+    ring = np.flatnonzero(np.abs(circularity_defect(mesh)) > tolerance)
+    bent = np.flatnonzero(planarity(mesh) > tolerance)
+    leaning = cones.vertices[cones.relative_spread > tolerance]
+    irregular = mesh.topology.irregular_vertices
+    found = [
+        ("irregular_vertices", irregular, "interior vertices of valence other than 4"),
+        ("nonconvex_faces", nonconvex_faces(mesh), "faces that are not convex, or folded"),
+        ("flipped_faces", flipped_faces(mesh), "faces turned over against their neighbours"),
+        ("flat_vertices", cones.vertices[cones.is_flat], "vertices whose faces lie in one plane"),
+        ("straight_corners", straight, "faces with a corner of 180 degrees"),
+        ("tiny_edges", tiny, f"edges below {TINY_EDGE:g} of the mean edge"),
+        ("bent_faces", bent, "faces not planar to the tolerance"),
+        ("uncircular_faces", ring, "faces whose corners lie on no circle, to the tolerance"),
+        ("unconical_vertices", leaning, "vertices without a common cone, to the tolerance"),
+    ]
+    result = [
+        {"kind": kind, "where": where.tolist(), "text": f"{len(where)} {text}, first {where[0]}"}
+        for kind, where, text in found
+        if len(where)
+    ]
+    pieces = int(mesh.topology.components.max()) + 1
+    if pieces > 1:
+        text = f"the mesh falls into {pieces} pieces; are its vertices welded?"
+        result.append({"kind": "pieces", "where": [], "text": text})
+    return result
+
+
+def _layer(layer: Layer) -> dict[str, Any]:
+    return {
+        "distance": layer.distance,
+        "kind": layer.kind,
+        "distance_error_max": layer.distance_error_max,
+        "parallel_error_max": layer.parallel_error_max,
+        "parallel_error_boundary_max": layer.parallel_error_boundary_max,
+        "planarity_max": layer.planarity_max,
+        "planarity_max_length": float(planarity_deviation(layer.mesh).max()),
+        "first_reversed_edge_distance": layer.first_reversed_edge_distance,
+    }
+
+
+def _support(support: SupportStructure | None) -> dict[str, Any] | None:
+    if support is None:
+        return None
+    return {
+        "quads": len(support.quads),
+        "twist_max_deg": float(np.degrees(support.twist.max())),
+        "planarity_max_length": float(support.planarity_deviation.max()),
+    }
+
+
+def _network(result: Panelization) -> dict[str, Any]:
+    inside = None if result.outline is None else result.outline.on(result.surface)
+    found = result.umbilics
+    return {
+        "lines": [len(lines) for lines in result.network.families],
+        "viability": found.viability if np.isfinite(found.viability) else None,
+        "umbilics": [
+            {"uv": list(u.uv), "point": list(u.point), "index": u.index, "kind": u.kind}
+            for u in found.umbilics
+        ],
+        "degenerate_share": found.degenerate_fraction,
+        "unusable_quads": result.network_mesh.unusable,
+        "separate_quads": result.network_mesh.separate,
+        **coverage(result.surface, result.mesh, inside),
+    }
+
+
+def _warnings(result: Panelization) -> list[str]:
+    """What a user should know before building."""
+    found = []
+    for umbilic in result.umbilics.umbilics:
+        place = ", ".join(f"{x:.4g}" for x in umbilic.point)
+        found.append(
+            f"umbilic ({umbilic.kind}, index {umbilic.index:+g}) at ({place}): no principal "
+            f"network passes it; the panels stop around it"
+        )
+    if result.umbilics.degenerate_fraction > 0:
+        found.append(
+            f"{100 * result.umbilics.degenerate_fraction:.2g} % of the surface has no principal "
+            f"directions (plane or spherical)"
+        )
+    if 0 < result.umbilics.viability < 0.35:
+        found.append(
+            f"viability {result.umbilics.viability:.2f} is below 0.35: panel sizes will vary by "
+            f"more than a factor of 4"
+        )
+    if result.network_mesh.separate:
+        found.append(
+            f"{result.network_mesh.separate} panels hang together with the rest by no edge and "
+            f"were left out"
+        )
+    if result.outline is not None:
+        found.append("the panels reach over the outline as whole panels; they are not cut yet")
+    for layer in result.layers:
+        bound = layer.first_reversed_edge_distance
+        if bound is not None and abs(layer.distance) >= abs(bound):
+            found.append(
+                f"layer {layer.distance:g} lies beyond the focal set: its first edge reverses at "
+                f"{bound:.4g}"
+            )
+    if not result.solution.converged:
+        found.append(f"the optimisation did not converge: {result.solution.reason}")
+    return found
+
+
+def _tolerance(report: dict[str, Any], asked: dict[str, float]) -> list[dict[str, Any]]:
+    """Asked, reached and pass for each tolerance that this kind of mesh is judged on."""
+    reached: dict[str, float | None] = {
+        "flat": max(
+            [report["after"]["planarity_max_length"]]
+            + [layer["planarity_max_length"] for layer in report["layers"]]
+        ),
+        "offset": max((layer["distance_error_max"] for layer in report["layers"]), default=None),
+        "twist": report["support"]["twist_max_deg"] if report["support"] else None,
+        "deviation": report["deviation"]["max"],
+        "conical": report["after"]["cone_spread_max"] if report["kind"] == "conical" else None,
+    }
+    if report["kind"] == "planar":
+        # No constant distance exists for a mesh that is only planar: reported, not judged.
+        reached["offset"] = None
+    return [_judged(key, asked[key], reached[key]) for key in asked]
+
+
+def _judged(key: str, asked: float, reached: float | None) -> dict[str, Any]:
+    passed = None if reached is None else bool(reached <= asked)
+    return {"key": key, "asked": asked, "reached": reached, "pass": passed}
+
+
+def failed(report: dict[str, Any]) -> list[dict[str, Any]]:
+    """Tolerances of a report that were not reached."""
+    return [row for row in report["tolerance"] if row["pass"] is False]

@@ -1,0 +1,159 @@
+"""The files of a result: meshes, report and pictures, all or none of them."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pqmesh.io.atomic import write_all
+from pqmesh.io.obj import obj_from_mesh
+from pqmesh.mesh.measure import conicality_defect, fitted_cones, planarity_deviation
+from pqmesh.mesh.quadmesh import PolyMesh
+from pqmesh.offset.support import SupportStructure
+from pqmesh.panelize import Panelization
+
+# Files that an earlier run of the same command may have left and this one does not replace.
+_OURS = re.compile(r"layer-\d+(-panels)?\.obj|support(-panels)?\.obj|figures/[a-z-]+\.png")
+
+
+def panelization_files(result: Panelization) -> dict[str, bytes]:
+    """Mesh files of a roof by name; panels are whole until they are trimmed."""
+    meshes: dict[str, PolyMesh] = {"mesh.obj": result.mesh, "panels.obj": result.mesh}
+    for number, layer in enumerate(result.layers, start=1):
+        meshes[f"layer-{number}.obj"] = layer.mesh
+        meshes[f"layer-{number}-panels.obj"] = layer.mesh
+    files = {name: obj_from_mesh(mesh) for name, mesh in meshes.items()}
+    if result.support is not None:
+        files["support.obj"] = _quads_obj(result.support)
+        files["support-panels.obj"] = files["support.obj"]
+    return files
+
+
+def _quads_obj(support: SupportStructure) -> bytes:
+    """Webs as an OBJ file: four vertices of its own for each, in the order of the edges."""
+    rows = [
+        f"# pqmesh geometric support structure: {len(support.quads)} quads, one an edge\n",
+        *(f"v {x:.17g} {y:.17g} {z:.17g}\n" for x, y, z in support.quads.reshape(-1, 3).tolist()),
+        *(
+            f"f {4 * i + 1} {4 * i + 2} {4 * i + 3} {4 * i + 4}\n"
+            for i in range(len(support.quads))
+        ),
+    ]
+    return "".join(rows).encode("ascii")
+
+
+def figures_available() -> bool:
+    """Whether the drawing library (extra `viz`) is installed."""
+    return find_spec("matplotlib") is not None
+
+
+def panelization_figures(result: Panelization, units: str) -> dict[str, bytes]:
+    """Pictures of network, measures, layers and one node, by name."""
+    from pqmesh.view import figures
+
+    mesh, start = result.mesh, result.start
+    flat = _in_small_units(planarity_deviation(mesh), units)
+    pictures = {
+        "network": figures.network_figure(
+            result.network,
+            start,
+            region=result.outline,
+            umbilics=result.umbilics.umbilics,
+            units=units,
+            title="Lines of curvature and the mesh they give",
+        ),
+        "flatness": figures.measure_figure(
+            mesh,
+            flat[0],
+            label="distance of the diagonals",
+            unit=flat[1],
+            units=units,
+            log=True,
+            title="Flatness of the panels after optimisation",
+        ),
+        "surface-curvature": figures.viability_figure(
+            result.surface, result.outline, result.umbilics.umbilics, units=units
+        ),
+    }
+    vertices, balance = conicality_defect(mesh)
+    if len(vertices):
+        before = np.zeros(mesh.topology.n_vertices)
+        before[vertices] = np.degrees(np.abs(conicality_defect(start)[1]))
+        after = np.zeros(mesh.topology.n_vertices)
+        after[vertices] = np.degrees(np.abs(balance))
+        pictures["balance"] = figures.comparison_figure(
+            start,
+            mesh,
+            before,
+            after,
+            label="balance of angles",
+            unit="deg",
+            units=units,
+            log=True,
+            title="Balance of angles at the nodes, before and after",
+        )
+    if result.layers and result.support is not None and len(fitted_cones(mesh).vertices):
+        layers = [layer.mesh for layer in result.layers]
+        quads = result.support.quads
+        pictures["layers"] = figures.layers_figure(
+            mesh, layers, quads, units=units, title="Layers and support structure"
+        )
+        pictures["node"] = figures.node_figure(
+            mesh, layers, quads, figures.typical_node(mesh), units=units, title="One node"
+        )
+    return {f"figures/{name}.png": data for name, data in sorted(pictures.items())}
+
+
+def _in_small_units(lengths: Any, units: str) -> tuple[Any, str]:
+    """Lengths in millimetres where the model is metric, in the model unit elsewhere."""
+    factor = {"m": 1e3, "cm": 10.0, "mm": 1.0, "km": 1e6}.get(units)
+    return (lengths * factor, "mm") if factor else (lengths, units)
+
+
+def json_bytes(report: dict[str, Any]) -> bytes:
+    """A report as JSON: keys in their order, floats exact, a new line at the end."""
+    return (json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False) + "\n").encode()
+
+
+def write_panelization(
+    folder: Path, result: Panelization, report: dict[str, Any], *, figures: bool, began: float
+) -> dict[str, Any]:
+    """Write all files of a roof into a folder, and return the report with its timing.
+
+    Files of an earlier run that this one does not make (a third layer, a picture) are removed
+    after the new ones stand.
+    """
+    clock = time.perf_counter()
+    files = panelization_files(result)
+    if figures:
+        files |= panelization_figures(result, report["units"])
+    seconds = result.seconds
+    report = report | {
+        "timing": {
+            "read": began,
+            "network": seconds["network"],
+            "optimize": seconds["optimize"],
+            "offset": seconds["offset"],
+            "fabricate": 0.0,
+            "write": time.perf_counter() - clock,
+            "total": began + sum(seconds.values()) + time.perf_counter() - clock,
+        }
+    }
+    files["report.json"] = json_bytes(report)
+    write_all(folder, files)
+    _remove_leftovers(folder, set(files))
+    return report
+
+
+def _remove_leftovers(folder: Path, kept: set[str]) -> None:
+    """Remove what an earlier run of ours left and this run has not made."""
+    for path in [*folder.glob("*.obj"), *folder.glob("figures/*.png")]:
+        name = path.relative_to(folder).as_posix()
+        if name not in kept and _OURS.fullmatch(name):
+            path.unlink(missing_ok=True)
