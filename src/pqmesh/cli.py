@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.exceptions import TyperException
 
 from pqmesh.errors import PqmeshError, SpecError
 
@@ -188,14 +189,14 @@ def optimize(
         Path | None, typer.Option(help="Surface to stay close to: design, net or mesh file.")
     ] = None,
     boundary: Annotated[Boundary, typer.Option(help="What the rim may do.")] = Boundary.free,
+    within: Annotated[float | None, typer.Option(help="Stay this close to the surface.")] = None,
     tolerance: Annotated[float, typer.Option(help="Planarity that counts as reached.")] = 1e-9,
     report: Annotated[Path | None, typer.Option(help="Report file to write, JSON.")] = None,
 ) -> None:
     """Move the vertices of a quad mesh as little as makes it planar, conical or circular."""
     from pqmesh.io.atomic import write_bytes
     from pqmesh.io.formats import read_quad_mesh, write_mesh
-    from pqmesh.optimize.recipes import problem_for
-    from pqmesh.optimize.solver import solve
+    from pqmesh.optimize.schedule import optimized
     from pqmesh.report import failed, optimization_report
     from pqmesh.results import json_bytes
 
@@ -205,8 +206,14 @@ def optimize(
     target = _reference(reference, start)
     with _progress() as tell:
         tell("optimize", None)
-        problem = problem_for(kind, start, target, boundary=boundary)
-        solution = solve(problem, start, progress=lambda _, step: tell("optimize", step))
+        solution = optimized(
+            kind,
+            start,
+            target,
+            boundary=boundary,
+            within=within,
+            progress=lambda step: tell("optimize", step),
+        )
     moved = start.with_vertices(solution.blocks["vertices"])
     found = optimization_report(
         start,
@@ -241,7 +248,7 @@ def check(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on standard output.")] = False,
     tolerance: Annotated[float, typer.Option(help="Dimensionless; judges all verdicts.")] = 1e-6,
 ) -> None:
-    """Say what a mesh is: planar? circular? conical? which offsets? what is unusual?"""
+    """Say what a mesh is: planar, circular, conical, which offsets, what is unusual."""
     from pqmesh.io.formats import read_quad_mesh
     from pqmesh.report import check_report
 
@@ -380,14 +387,13 @@ def main() -> None:
     except MemoryError:
         typer.echo("pqmesh: the job needs more memory than there is. Use longer edges.", err=True)
         code = BAD_INPUT
-    except Exception as error:
-        code = _usage_error(error)
+    except TyperException as error:
+        typer.echo(f"pqmesh: {_one_line(error)} See pqmesh --help.", err=True)
+        code = BAD_INPUT
     sys.exit(code if isinstance(code, int) else OK)
 
 
-def _usage_error(error: Exception) -> int:
-    """One line for wrong arguments; anything else is a defect of ours and is raised."""
-    if not hasattr(error, "format_message"):
-        raise error
-    typer.echo(f"pqmesh: {error.format_message()} See pqmesh --help.", err=True)
-    return BAD_INPUT
+def _one_line(error: TyperException) -> str:
+    """What is wrong with the arguments."""
+    text = " ".join(error.format_message().split()).replace("Value error, ", "")
+    return text if text.endswith(".") else text + "."

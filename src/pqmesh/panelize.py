@@ -16,18 +16,16 @@ from pqmesh.network.region import PlanOutline
 from pqmesh.offset.offsets import Layer, offset_layer, offset_vectors
 from pqmesh.offset.support import SupportStructure, support_structure
 from pqmesh.offset.vectors import OffsetVectors
-from pqmesh.optimize.recipes import Weights, problem_for
-from pqmesh.optimize.solver import Solution, Step, solve
+from pqmesh.optimize.schedule import optimized
+from pqmesh.optimize.solver import Solution, Step
 from pqmesh.surface.base import Surface
 from pqmesh.surface.curvature import first_form
-from pqmesh.surface.reference import Reference, SurfaceReference
+from pqmesh.surface.reference import SurfaceReference
 from pqmesh.surface.umbilics import UmbilicReport, find_umbilics
 from pqmesh.vectors import Floats, norm
 
 # Told the stage that begins and, while optimising, the last step.
 Progress = Callable[[str, Step | None], None]
-# With `within`, closeness is raised by this factor until the mesh is near enough.
-CLOSER, CLOSEST = 10.0, 1e7
 
 
 @dataclass(frozen=True)
@@ -136,7 +134,14 @@ def panelize(
     start, orientation = _oriented(network_mesh.mesh, flip=spec.flip)
     clock.lap("network")
     tell("optimize", None)
-    solution = _optimized(start, SurfaceReference(surface, network_mesh.uv), spec, tell)
+    solution = optimized(
+        spec.kind,
+        start,
+        SurfaceReference(surface, network_mesh.uv),
+        boundary=spec.boundary,
+        within=spec.within,
+        progress=lambda step: tell("optimize", step),
+    )
     mesh = start.with_vertices(solution.blocks["vertices"])
     clock.lap("optimize")
     tell("offset", None)
@@ -214,20 +219,6 @@ def _oriented(mesh: QuadMesh, *, flip: bool) -> tuple[QuadMesh, str]:
         f"normals {side}" if clear else "normals as the surface's" + (", turned" if flip else "")
     )
     return (mesh.reversed() if reverse else mesh), words
-
-
-def _optimized(start: QuadMesh, reference: Reference, spec: Spec, tell: Progress) -> Solution:
-    """Solution of the recipe; with `within`, pulled closer until it is near enough."""
-    weights = Weights()
-    while True:
-        problem = problem_for(spec.kind, start, reference, boundary=spec.boundary, weights=weights)
-        solution = solve(problem, start, progress=lambda _, step: tell("optimize", step))
-        if spec.within is None or weights.closeness * CLOSER > CLOSEST:
-            return solution
-        feet, _, _ = reference.closest(solution.blocks["vertices"])
-        if float(norm(solution.blocks["vertices"] - feet).max()) <= spec.within:
-            return solution
-        weights = Weights(closeness=weights.closeness * CLOSER)
 
 
 def _support(

@@ -19,8 +19,8 @@ from pqmesh.mesh.measure import (
 )
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.network.principal import Inside
-from pqmesh.offset.support import SupportStructure, twist
 from pqmesh.offset.offsets import Layer, offset_vectors
+from pqmesh.offset.support import SupportStructure, twist
 from pqmesh.optimize.solver import Solution
 from pqmesh.panelize import Panelization
 from pqmesh.surface.base import Surface

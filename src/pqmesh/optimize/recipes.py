@@ -33,7 +33,7 @@ CORNER_TURN = np.radians(30.0)
 class Weights:
     """Weights of the soft goals, on mean squares of residuals in mean edges."""
 
-    closeness: float = 1.0
+    closeness: float = 100.0
     edges: float = 1.0
     fairness: float = 0.1
     anchor: float = 1e-3
