@@ -47,7 +47,7 @@ check: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest
 
 verify: $(VENV)/test.stamp
-	$(BIN)/python benchmarks/verify.py
+	$(BIN)/python benchmarks/verify
 
 bench: $(VENV)/test.stamp
 	$(BIN)/python benchmarks/bench.py

@@ -1,0 +1,1 @@
+"""Smooth surfaces: exact jets, curvature, closest points, umbilics."""

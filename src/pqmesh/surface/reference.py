@@ -44,7 +44,7 @@ class SurfaceReference:
 
 @dataclass(frozen=True, eq=False)
 class TriangleReference:
-    """A triangle mesh; the normal is that of the closest triangle.
+    """A triangle mesh; normals are those of the closest triangles, smoothed over their edges.
 
     Parameters
     ----------
@@ -92,7 +92,15 @@ class TriangleReference:
                 break
             open_rows, count = open_rows[~done], min(4 * count, len(self.corners))
         a, b, c = np.moveaxis(self.corners[which], 1, 0)
-        return feet, unit(cross(b - a, c - a)), self
+        normals = unit(cross(b - a, c - a))
+        # Nearest to an edge or a corner inside, the way to the foot is the normal: it does not
+        # jump between the triangles that meet there. Beyond the rim it runs along the surface
+        # and the triangle's own normal stays.
+        way = points - feet
+        length, along = norm(way), dot(way, normals)
+        steady = (np.abs(along) > 0.5 * length) & (length > 1e-9 * self._reach)
+        turned = unit(way) * np.sign(along)[:, None]
+        return feet, np.where(steady[:, None], turned, normals), self
 
 
 def _closest_on_triangles(corners: Floats, points: Floats) -> Floats:
