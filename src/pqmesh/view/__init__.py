@@ -1,0 +1,1 @@
+"""Pictures of surfaces, networks, meshes, layers and nodes, as PNG."""

@@ -56,18 +56,23 @@ class Camera:
     def around(cls, points: Floats, normals: Floats) -> Camera:
         """The usual view of points (N, 3) with normals (M, 3): long side across, from above.
 
-        Of the two sides the one that the normals face is taken.
+        Of four such views the one that shows most of the outer side is taken.
         """
         middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         plan = points[:, :2] - points[:, :2].mean(axis=0)
         spread = plan.T @ plan
         long = 0.5 * math.atan2(2.0 * spread[0, 1], spread[0, 0] - spread[1, 1])
-        azimuth = long - 0.5 * math.pi + TURN
-        facing = normals.mean(axis=0) if len(normals) else np.zeros(3)
-        # From the other side only where the surface clearly turns its back, as a facade may.
-        if facing[0] * math.cos(azimuth) + facing[1] * math.sin(azimuth) < -0.3:
-            azimuth += math.pi
-        return cls.orbit(middle, azimuth, ELEVATION)
+        # A roof is seen from above whichever side its normals are on.
+        outside = -normals if len(normals) and normals[:, 2].mean() < -1e-9 else normals
+        best, most = cls.orbit(middle, long - 0.5 * math.pi + TURN, ELEVATION), -math.inf
+        for half in (-0.5, 0.5):
+            for turn in (TURN, -TURN):
+                camera = cls.orbit(middle, long + half * math.pi + turn, ELEVATION)
+                shown = np.clip(outside @ camera.axes[2], 0.0, None)
+                # Clearly more to see, or the first: symmetric shapes shall not flicker.
+                if len(shown) and float(shown.mean()) > most + 1e-3:
+                    best, most = camera, float(shown.mean())
+        return best
 
     @classmethod
     def at_node(cls, target: Floats, up: Floats, from_side: Floats, distance: float) -> Camera:
@@ -101,7 +106,7 @@ class Camera:
         seen = np.where(seen[:, 2:] < 0, -seen, seen)
         lambert = np.clip(seen @ (LIGHT / norm(LIGHT)), 0.0, 1.0)
         rim = (1.0 - np.clip(seen[:, 2], 0.0, 1.0)) ** 3
-        return np.asarray(1.0 + depth * (0.48 * lambert + 0.14 * rim - 0.40))
+        return np.asarray(1.0 + depth * (0.46 * lambert - 0.12 * rim - 0.37))
 
 
 class Box(NamedTuple):

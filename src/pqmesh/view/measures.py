@@ -7,10 +7,10 @@ from numpy.typing import ArrayLike
 
 from pqmesh.errors import MeshError
 from pqmesh.mesh.quadmesh import PolyMesh
-from pqmesh.vectors import Floats, unit
+from pqmesh.vectors import Floats, Indices
 from pqmesh.view.camera import Box, Camera, View
-from pqmesh.view.scene import Scene, face_polygons, polygon_normals, rgba, shadow
-from pqmesh.view.sheet import GREY, INK, STAGE, ColorScale, Sheet, number, paper
+from pqmesh.view.scene import Scene, add_shadow, face_polygons, ground, rgba
+from pqmesh.view.sheet import GREY, INK, STAGE, ColorScale, Sheet, count, number, paper
 
 LINE = rgba("#2b2f36")
 
@@ -59,8 +59,9 @@ def measure_figure(
     scale = ColorScale.of(checked, log=log)
     words = _summary(mesh, checked, unit) if caption is None else caption
     with paper(title or label.capitalize(), words) as sheet:
-        view = _paint(sheet, mesh, checked, place, scale, STAGE, camera)
-        _mark_largest(sheet, view, mesh, checked, place, unit)
+        scene = _paint(sheet, mesh, checked, place, scale, STAGE, camera)
+        view = scene.view
+        _mark_largest(sheet, scene, mesh, checked, place, unit)
         sheet.scale_bar(view, units)
         sheet.color_bar(scale, label, unit)
         return sheet.png()
@@ -97,16 +98,17 @@ def comparison_figure(
     scale = ColorScale.of(np.concatenate([values for values, _ in pair]), log=log)
     camera = camera or Camera.around(before.vertices, before.face_normals)
     reached = [_largest_words(values, unit) for values, _ in pair]
-    words = f"{label}: {reached[0]} {names[0]}, {reached[1]} {names[1]}"
+    words = f"{count(after.topology.n_faces, 'panel')}  ·  {label}: "
+    words += f"{reached[0]} {names[0]}, {reached[1]} {names[1]}"
     with paper(title or label.capitalize(), words if caption is None else caption) as sheet:
-        boxes = (Box(50, 175, 780, 850), Box(820, 175, 1550, 850))
+        boxes = (Box(50, 185, 780, 865), Box(820, 185, 1550, 865))
         both = np.concatenate([before.vertices, after.vertices])
         for mesh, (values, place), box, name, most in zip(
             (before, after), pair, boxes, names, reached, strict=True
         ):
-            view = _paint(sheet, mesh, values, place, scale, box, camera, frame=both)
-            _mark_largest(sheet, view, mesh, values, place, unit)
-            sheet.text(box.middle[0], 176, f"{name}  ·  {most}", "caption", ha="center")
+            view = _paint(sheet, mesh, values, place, scale, box, camera, frame=both).view
+            sheet.text(box.middle[0], 150, name, "caption", ha="center", weight="bold")
+            sheet.text(box.middle[0], 122, most, ha="center", color=GREY)
         sheet.scale_bar(view, units)
         sheet.color_bar(scale, label, unit)
         return sheet.png()
@@ -137,11 +139,10 @@ def _summary(mesh: PolyMesh, values: Floats, unit: str) -> str:
     """Caption with the numbers of the picture."""
     known = values[np.isfinite(values)]
     if not len(known):
-        return f"{number(mesh.topology.n_faces)} panels"
+        return count(mesh.topology.n_faces, "panel")
     mean = f"{number(float(known.mean()))} {unit}".strip()
-    count = number(mesh.topology.n_faces) if mesh.topology.n_faces < 1000 else (
-        f"{mesh.topology.n_faces:,}".replace(",", "\u2009"))  # fmt: skip
-    return f"{count} panels  ·  {_largest_words(values, unit)}  ·  mean {mean}"
+    panels = count(mesh.topology.n_faces, "panel")
+    return f"{panels}  ·  {_largest_words(values, unit)}  ·  mean {mean}"
 
 
 def _largest_words(values: Floats, unit: str) -> str:
@@ -158,15 +159,16 @@ def _paint(
     box: Box,
     camera: Camera | None,
     frame: Floats | None = None,
-) -> View:
+) -> Scene:
     """Draw the coloured mesh into a box."""
     camera = camera or Camera.around(mesh.vertices, mesh.face_normals)
-    view = View.fitted(camera, mesh.vertices if frame is None else frame, box)
-    scene = Scene(view)
     polygons = face_polygons(mesh)
-    shadow(scene, polygons, float(mesh.vertices[:, 2].min()))
+    framed = polygons.reshape(-1, 3) if frame is None else frame
+    view = View.fitted(camera, np.concatenate([framed, ground(framed)]), box)
+    scene = Scene(view)
+    add_shadow(scene, polygons)
     width = panel_line(view, mesh)
-    light = camera.light(mesh.face_normals, depth=0.45)
+    light = camera.light(mesh.face_normals, depth=0.28)
     edge = LINE * np.array([1.0, 1.0, 1.0, 0.75])
     if place == "face":
         scene.add(polygons, _lit(scale.colors(values), light), edge, width)
@@ -178,10 +180,10 @@ def _paint(
         lift = 0.26 * mesh.mean_edge_length
         scene.add_lines(pieces, edge, width, lift)
     scene.paint(sheet)
-    return view
+    return scene
 
 
-def vertex_cells(mesh: PolyMesh) -> tuple[Floats, Floats, Floats]:
+def vertex_cells(mesh: PolyMesh) -> tuple[Floats, Indices, Indices]:
     """Part of a face next to each corner: (C, 4, 3), its vertex (C,) and its face (C,).
 
     Corner 0 is the vertex, 1 and 3 are the middles of its two edges, 2 is the face's centre.
@@ -206,22 +208,27 @@ def _lit(rgb: Floats, light: Floats) -> Floats:
 
 
 def _mark_largest(
-    sheet: Sheet, view: View, mesh: PolyMesh, values: Floats, place: str, unit: str
+    sheet: Sheet, scene: Scene, mesh: PolyMesh, values: Floats, place: str, unit: str
 ) -> None:
-    """Ring around the largest value, with a leader to it."""
-    if not np.isfinite(values).any():
+    """Ring around the largest value, with a leader to it; grey where it is out of sight."""
+    known = values[np.isfinite(values)]
+    if not len(known) or known.max() <= known.min():
         return
+    view = scene.view
     worst = int(np.nanargmax(values))
     points = mesh.face_centers if place == "face" else mesh.vertices
-    x, y = view.pixels(points[worst])[:2].tolist()
-    radius = max(0.75 * mesh.mean_edge_length * view.scale, 9.0)
-    sheet.circle(np.array([x, y]), radius, facecolor="none", edgecolor="white", linewidth=4.5)
-    sheet.circle(np.array([x, y]), radius, facecolor="none", edgecolor=INK, linewidth=1.6)
-    right = x < view.origin[0]
-    side = 1.0 if not right else -1.0
-    start = np.array([x + side * 0.71 * radius, y + 0.71 * radius])
+    behind = bool(scene.hides(points[worst : worst + 1], 1.5 * mesh.mean_edge_length)[0])
+    color = GREY if behind else INK
+    words = _largest_words(values, unit) + (", behind" if behind else "")
+    middle = view.pixels(points[worst])[:2]
+    radius = float(np.clip(0.75 * mesh.mean_edge_length * view.scale, 9.0, 60.0))
+    sheet.circle(middle, radius, facecolor="none", edgecolor="white", linewidth=4.5)
+    dashes = {"linestyle": (0, (2, 2))} if behind else {}
+    sheet.circle(middle, radius, facecolor="none", edgecolor=color, linewidth=1.8, **dashes)
+    # Away from the middle of the sheet, where the object is.
+    side = 1.0 if middle[0] > 0.5 * (STAGE.left + STAGE.right) else -1.0
+    start = middle + 0.71 * radius * np.array([side, 1.0])
     bend = start + np.array([side * 26.0, 26.0])
-    sheet.line(np.array([start, bend, bend + np.array([side * 18.0, 0.0])]), INK, 1.4)
-    words = _largest_words(values, unit)
-    sheet.text(bend[0] + side * 24.0, bend[1] - 6.0, words, halo=True,
-               ha="left" if side > 0 else "right")  # fmt: skip
+    sheet.line(np.array([start, bend, bend + np.array([side * 18.0, 0.0])]), color, 1.4)
+    where = "left" if side > 0 else "right"
+    sheet.text(bend[0] + side * 24.0, bend[1] - 6.0, words, halo=True, ha=where, color=color)

@@ -116,9 +116,16 @@ def polygon_normals(polygons: Floats) -> Floats:
     return unit(areas)
 
 
-def shadow(scene: Scene, polygons: Floats, floor: float) -> None:
+def ground(polygons: Floats) -> Floats:
+    """Polygons (n, k, 3) dropped upon the level of their lowest point."""
+    dropped = polygons.copy()
+    if len(polygons):
+        dropped[..., 2] = polygons[..., 2].min()
+    return dropped
+
+
+def add_shadow(scene: Scene, polygons: Floats) -> None:
     """The ground under polygons, a breath darker than the sheet."""
-    ground = polygons.copy()
-    ground[..., 2] = floor
+    dropped = ground(polygons)
     tone = np.array([0.955, 0.957, 0.960, 1.0])
-    scene.add(ground, tone, tone, 0.8, nearness=np.full(len(ground), -np.inf))
+    scene.add(dropped, tone, tone, 0.8, nearness=np.full(len(dropped), -np.inf))

@@ -52,19 +52,19 @@ def require_matplotlib() -> Any:
 
 
 def number(value: float) -> str:
-    """A number for people: three digits, thin spaces, powers of ten where they help.
+    r"""A number for people: three digits, thin spaces, powers of ten where they help.
 
     Examples
     --------
     >>> number(0.0123456), number(1234567.0), number(3.2e-9), number(0.0)
-    ('0.0123', '1 230 000', '3.2×10⁻⁹', '0')
+    ('0.0123', '1\u2009230\u2009000', '3.2×10⁻⁹', '0')
     """
     if value == 0 or not math.isfinite(value):
         return "0" if value == 0 else str(value)
     exponent = math.floor(math.log10(abs(value)) + 1e-12)
     if -4 < exponent < 7:
         rounded = round(value, 2 - exponent)
-        shown = f"{rounded:,.{max(2 - exponent, 0)}f}".replace(",", " ")
+        shown = f"{rounded:,.{max(2 - exponent, 0)}f}".replace(",", "\u2009")
         shown = shown.rstrip("0").rstrip(".") if "." in shown else shown
         return shown.replace("-", "−")
     mantissa = f"{value / 10.0**exponent:.2g}"
@@ -97,19 +97,19 @@ class ColorScale:
     def of(cls, values: Floats, *, log: bool = False, dark_is_low: bool = False) -> ColorScale:
         """Scale that spans the finite values; a logarithmic one at most six decades."""
         known = values[np.isfinite(values)]
-        high = float(known.max(initial=-math.inf)) if len(known) else 1.0
+        high = float(known.max()) if len(known) else 1.0
         low = float(known.min()) if len(known) else 0.0
-        if log and high > 0:
-            positive = known[known > 0]
-            top = 10.0 ** math.ceil(2.0 * math.log10(high) - 1e-9)
-            high = math.sqrt(top)
-            least = max(float(positive.min()), high * 10.0**-MOST_DECADES)
-            bottom = math.sqrt(10.0 ** math.floor(2.0 * math.log10(least) + 1e-9))
-            return cls(min(bottom, 0.5 * high), high, True, dark_is_low, low < bottom)
+        if log and len(known) and high > 0:
+            # Ends at powers of the square root of ten: half decades.
+            top = max(math.ceil(2.0 * math.log10(high) - 1e-9), -600)
+            least = math.floor(2.0 * math.log10(float(known[known > 0].min())) + 1e-9)
+            bottom = min(max(least, top - 2 * MOST_DECADES), top - 1)
+            start = 10.0 ** (0.5 * bottom)
+            return cls(start, 10.0 ** (0.5 * top), True, dark_is_low, low < start)
         if 0 <= low < 0.5 * high:
             low = 0.0
-        if high - low <= 1e-12 * max(abs(high), abs(low)):
-            low, high = (0.0, high) if high > 0 else (low, low + 1.0)
+        if high - low <= 1e-12 * max(abs(high), abs(low), 1e-280):
+            low, high = (0.0, high) if high > 1e-280 else (low, low + max(1.0, abs(low)))
         return cls(low, high, False, dark_is_low)
 
     def shares(self, values: Floats) -> Floats:
@@ -143,6 +143,18 @@ class ColorScale:
         start = math.ceil(self.low / step - 1e-9)
         stop = math.floor(self.high / step + 1e-9)
         return [i * step for i in range(start, stop + 1)]
+
+
+def count(amount: int, one: str = "", many: str = "") -> str:
+    r"""A whole number with thin spaces, and its noun.
+
+    Examples
+    --------
+    >>> count(1334, "panel"), count(1, "panel")
+    ('1\u2009334 panels', '1 panel')
+    """
+    noun = one if amount == 1 else many or (one + "s" if one else "")
+    return f"{amount:,} {noun}".strip().replace(",", "\u2009")
 
 
 def round_length(value: float) -> float:
@@ -243,13 +255,12 @@ class Sheet:
         self.text(left, 80, "0", ha="center")
         self.text(left + 2 * half, 80, f"{number(length)} {units}".strip(), ha="center")
 
-    def legend(self, entries: Sequence[tuple[str, str]], right: float = 1540.0) -> None:
+    def legend(self, entries: Sequence[tuple[str, str]], left: float = 1240.0) -> None:
         """Short coloured lines with their names, in a column at the lower right."""
         for row, (color, name) in enumerate(reversed(entries)):
-            y = 52.0 + 32.0 * row
-            self.text(right, y, name, ha="right")
-            x = right - 11.2 * len(name) - 70.0
-            self.line(np.array([[x, y + 7], [x + 46, y + 7]]), color, 3.4)
+            y = 40.0 + 30.0 * row
+            self.text(left + 64, y, name)
+            self.line(np.array([[left, y + 6], [left + 46, y + 6]]), color, 3.4)
 
     def color_bar(self, scale: ColorScale, label: str, unit: str) -> None:
         """Horizontal colour bar at the lower right with its unit."""
