@@ -62,7 +62,7 @@ def panelization_figures(result: Panelization, units: str) -> dict[str, bytes]:
     pictures = {
         "network": figures.network_figure(
             result.network,
-            start,
+            result.network_mesh,
             region=result.outline,
             umbilics=result.umbilics.umbilics,
             units=units,

@@ -71,7 +71,7 @@ def test_balance_and_cones_agree_with_50_digits(mesh):
         near = mesh.vertices[star.neighbors[k]]
         exact = exactly.balance(mesh.vertices[star.vertices[k]], near)
         assert abs(float(exact - defect[k])) < 1e-12
-        w, misfit, spread, theta = exactly.cone(list(mesh.corners[star.faces[k]]))
+        w, misfit, _, _ = exactly.cone(list(mesh.corners[star.faces[k]]))
         # Least squares: relative error eps * (cond + cond^2 * residual) in w, a few operations.
         cond = np.linalg.cond(mesh.face_normals[star.faces[k]])
         size = float(sum(x * x for x in w)) ** 0.5
@@ -80,6 +80,13 @@ def test_balance_and_cones_agree_with_50_digits(mesh):
             bound
         )
         assert abs(float(misfit - cones.misfit[k])) < bound
+        # Spread and theta speak of the planes at the vertex: triangles of it and two neighbours.
+        center = mesh.vertices[star.vertices[k]]
+        turned = np.roll(near, -1, axis=0)
+        corners = [np.stack([center, p, q]) for p, q in zip(near, turned, strict=True)]
+        _, misfit, spread, theta = exactly.cone(corners)
+        cond = np.linalg.cond(measure.corner_normals(mesh, star)[k])
+        bound = 20 * EPS * (cond + cond**2 * float(misfit)) * size
         assert abs(float(spread - cones.spread[k])) < bound
         assert abs(float(theta - cones.theta[k])) < bound
         # The conditioning bound stays small on these meshes: no empty promise.

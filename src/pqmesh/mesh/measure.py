@@ -26,13 +26,14 @@ class Cones(NamedTuple):
     vertices : (n,)
     vectors : (n, 3)
         w with n_f . w = 1 in the least-squares sense: the move of the vertex when every face
-        moves by 1 along its normal. The cone axis is its direction.
+        moves by 1 along its normal. Its direction is the node axis.
     misfit : (n,)
         max |n_f . w - 1|: error of the face distance per unit of offset.
     spread : (n,)
-        Largest minus smallest signed angle between axis and faces, radians.
+        Largest minus smallest signed angle between the fitted axis and the planes of the faces
+        at the vertex, radians.
     theta : (n,)
-        Angular radius of the face normals about the axis, radians.
+        Angular radius of those planes' normals about the axis, radians.
     """
 
     vertices: Indices
@@ -197,8 +198,26 @@ def common_vectors(normals: Floats) -> Floats:
     return np.asarray(np.einsum("nr,nri->ni", weights, vt))
 
 
+def corner_normals(mesh: PolyMesh, star: Stars) -> Floats:
+    """Unit normals of the faces as the vertex sees them: across the two edges there, (n, k, 3).
+
+    On flat faces these are the face normals. On faces that are nearly flat they keep the
+    flatness error, which is judged on its own, out of the cone. A corner of almost 0 or pi has
+    no plane; it keeps the face normal.
+    """
+    spokes = unit(mesh.vertices[star.neighbors] - mesh.vertices[star.vertices][:, None])
+    normals = mesh.face_normals[star.faces]
+    products = cross(spokes, np.roll(spokes, -1, axis=1))
+    clear = norm(products) > PARALLEL_DIAGONALS
+    turned = unit(products) * np.where(dot(products, normals) < 0, -1.0, 1.0)[..., None]
+    return np.where(clear[..., None], turned, normals)
+
+
 def fitted_cones(mesh: PolyMesh) -> Cones:
     """Best common cone at every interior vertex of any valence, in rising vertex order.
+
+    The offset vector and its misfit speak of the face planes; the spread and theta of the
+    planes at the vertex (`corner_normals`).
 
     References: theory: [pottmann2007]; [thesis] definition 3.2.2 with errata E14 (oriented
     cones: one sign for all faces).
@@ -208,10 +227,10 @@ def fitted_cones(mesh: PolyMesh) -> Cones:
         normals = mesh.face_normals[star.faces]
         vectors = common_vectors(normals)
         along = np.einsum("nki,ni->nk", normals, vectors)
-        axis = unit(vectors)
-        across = norm(cross(normals, axis[:, None]))
-        slope = np.einsum("nki,ni->nk", normals, axis)
-        tilt = np.arctan2(across, slope)
+        local = corner_normals(mesh, star)
+        axis = unit(common_vectors(local))
+        across = norm(cross(local, axis[:, None]))
+        tilt = np.arctan2(across, np.einsum("nki,ni->nk", local, axis))
         parts.append(
             (
                 star.vertices,
