@@ -1,0 +1,1 @@
+"""Mesh files: formats, and writing that is all or nothing."""

@@ -1,0 +1,1 @@
+"""Abstract meshes and meshes in space, and what they achieve."""

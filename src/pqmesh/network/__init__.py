@@ -1,0 +1,1 @@
+"""From a surface to a quad mesh: lines of curvature, their crossings, their cells."""

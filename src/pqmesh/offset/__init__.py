@@ -1,0 +1,1 @@
+"""From a mesh to its layers: offset vectors, offset meshes, support structure."""

@@ -1,0 +1,1 @@
+"""From a mesh to a better one: problems, terms, the solver and its guard."""

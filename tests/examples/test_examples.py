@@ -1,0 +1,80 @@
+"""The gallery runs, and its printed numbers hold."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SCRIPTS = sorted(EXAMPLES.glob("*.py"))
+
+# Script -> number -> lowest and highest value that is right. Counts and invariants are exact;
+# bounds of errors are about a hundred times what rounding gives.
+BOUNDS = {
+    "circular_vertex_offsets": {
+        "panels": (50, 150),
+        "circularity_before_deg": (0.01, 1.0),
+        "circularity_deg": (0.0, 1e-9),
+        "circle_deviation": (-1e-13, 1e-13),
+        "planarity": (0.0, 1e-12),
+        "vertex_distance_error": (0.0, 1e-13),
+        "face_distance_range": (1e-5, 1e-2),
+        "twist_deg": (0.0, 1e-10),
+    },
+    "conical_roof": {
+        "panels": (50, 150),
+        "planarity_before": (1e-7, 1e-4),
+        "planarity": (0.0, 1e-11),
+        "cone_spread": (0.0, 1e-9),
+        "distance_error": (0.0, 1e-13),
+        "twist_deg": (0.0, 1e-8),
+        "deviation": (0.0, 1e-4),
+    },
+    "ellipsoid_curvature_lines": {
+        "crossings": (20, 200),
+        "coordinate_drift": (0.0, 1e-10),
+        "umbilics": (4, 4),
+        "umbilic_error": (0.0, 1e-12),
+        "order_of_deviation": (3.9, 4.1),
+    },
+    "torus_closed_mesh": {
+        "panels": (300, 700),
+        "boundary_loops": (0, 0),
+        "euler_characteristic": (0, 0),
+        "planarity": (0.0, 1e-13),
+        "cone_spread": (0.0, 1e-11),
+        "distance_error": (0.0, 1e-13),
+        "parallel_error": (0.0, 1e-11),
+        "twist_deg": (0.0, 1e-9),
+        # The tube has radius 1; a chord of it turns a little earlier.
+        "first_reversed_edge": (-1.0, -0.9),
+    },
+}
+
+
+def test_every_script_has_its_bounds():
+    assert [script.stem for script in SCRIPTS] == sorted(BOUNDS)
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+def test_example_runs_and_its_numbers_hold(script, capsys):
+    found = loaded(script).main()
+    printed = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in printed] == list(found)
+    assert sorted(found) == sorted(BOUNDS[script.stem])
+    outside = {
+        name: found[name]
+        for name, (low, high) in BOUNDS[script.stem].items()
+        if not low <= found[name] <= high
+    }
+    assert not outside
+
+
+def loaded(script):
+    """Module of a script, without running its last lines."""
+    spec = importlib.util.spec_from_file_location(f"example_{script.stem}", script)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
