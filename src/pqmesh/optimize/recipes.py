@@ -37,7 +37,7 @@ class Weights:
     edges: float = 1.0
     fairness: float = 0.1
     anchor: float = 1e-3
-    glide: float = 10.0
+    glide: float = 100.0
 
 
 def problem_for(
@@ -74,8 +74,9 @@ def problem_for(
     goals = [Goal("planarity", Planarity.on(mesh), hard=True, tolerance=1e-12)]
     if kind == "conical":
         goals.append(Goal("conicality", Conicality.on(mesh), hard=True, tolerance=1e-11))
-        if len(mesh.topology.irregular_vertices):
-            blocks["axes"] = Cone.start_axes(mesh)
+        axes = Cone.start_axes(mesh)
+        if len(axes):
+            blocks["axes"] = axes
             goals.append(Goal("cone", Cone.on(mesh), hard=True, tolerance=1e-11))
     if kind == "circular":
         goals.append(Goal("circularity", Circularity.on(mesh), hard=True, tolerance=1e-11))

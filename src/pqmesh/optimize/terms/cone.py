@@ -1,4 +1,4 @@
-"""Term: a common cone at vertices of valence other than 4, its axis an unknown."""
+"""Term: a common cone at vertices of valence above 4, its axis an unknown."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from pqmesh.vectors import TINY, Floats, Indices, cross, dot, norm
 
 @dataclass(frozen=True, eq=False)
 class Cone:
-    """n_f . w - 1 for every face f at an interior vertex of valence other than 4.
+    """n_f . w - 1 for every face f at an interior vertex of valence above 4.
 
-    w is a row of the block `axes`: the move of the vertex when all its faces move by 1.
+    w is a row of the block `axes`: the move of the vertex when all its faces move by 1. Three
+    faces always touch a cone, and four have their balance of angles (`Conicality`).
 
     References: theory of conical vertices of any valence, errata page, E15.
     """
@@ -29,7 +30,7 @@ class Cone:
         corners, axes, count = [np.empty((0, 4), np.int64)], [np.empty((0, 1), np.int64)], 0
         for star in mesh.topology.stars():
             n, k = star.faces.shape
-            if k != 4:
+            if k > 4:
                 corners.append(mesh.faces[star.faces].reshape(-1, 4))
                 axes.append(np.repeat(count + np.arange(n), k)[:, None])
                 count += n
@@ -41,7 +42,7 @@ class Cone:
         parts = [
             common_vectors(mesh.face_normals[star.faces])
             for star in mesh.topology.stars()
-            if star.faces.shape[1] != 4
+            if star.faces.shape[1] > 4
         ]
         return np.concatenate(parts) if parts else np.empty((0, 3))
 
