@@ -60,7 +60,8 @@ class Best:
                 value = goal.term.evaluate(gathered(goal.term, blocks))[0]
                 residuals[goal.name] = float(np.abs(value).max(initial=0.0))
                 reachable = max(goal.tolerance, self.rounding)
-                excess = max(excess, residuals[goal.name] / reachable)
+                beyond = float(np.abs(goal.beyond(value)).max(initial=0.0))
+                excess = max(excess, beyond / reachable)
         self.history.append(excess)
         if max(excess, 1.0) <= max(self.excess, 1.0):
             self.blocks, self.excess, self.residuals = blocks, excess, residuals

@@ -61,6 +61,8 @@ class Goal:
         Hard terms are driven to rounding error; soft terms are as small as these allow.
     tolerance : float
         Largest residual at which a hard term counts as reached.
+    slack : float
+        Residuals of a hard term within +-slack are as good as zero: an inequality.
     """
 
     name: str
@@ -68,6 +70,14 @@ class Goal:
     weight: float = 1.0
     hard: bool = False
     tolerance: float = 1e-12
+    slack: float = 0.0
+
+    def beyond(self, residual: Floats, share: float = 1.0) -> Floats:
+        """What of each residual lies beyond the slack, or beyond a share of it."""
+        if self.slack == 0.0:
+            return residual
+        room = share * self.slack
+        return np.asarray(residual - np.clip(residual, -room, room))
 
 
 @dataclass(frozen=True)

@@ -47,6 +47,7 @@ def problem_for(
     *,
     boundary: str = "free",
     weights: Weights | None = None,
+    warp: float = 0.0,
 ) -> Problem:
     """Problem whose solution is a mesh of the given kind close to start and reference.
 
@@ -57,6 +58,8 @@ def problem_for(
     reference : Reference
     boundary : 'free', 'fixed' or 'glide'
     weights : Weights, optional
+    warp : float, model unit
+        Panels may be out of plane by so much (distance of the diagonals).
 
     Raises
     ------
@@ -71,7 +74,8 @@ def problem_for(
         )
     weights = weights or Weights()
     blocks = {"vertices": mesh.vertices}
-    goals = [Goal("planarity", Planarity.on(mesh), hard=True, tolerance=1e-12)]
+    slack = warp / mesh.mean_edge_length
+    goals = [Goal("planarity", Planarity.on(mesh), hard=True, tolerance=1e-12, slack=slack)]
     if kind == "conical":
         goals.append(Goal("conicality", Conicality.on(mesh), hard=True, tolerance=1e-11))
         axes = Cone.start_axes(mesh)

@@ -22,6 +22,7 @@ def optimized(
     *,
     boundary: str = "free",
     within: float | None = None,
+    warp: float = 0.0,
     progress: Callable[[Step], None] | None = None,
 ) -> Solution:
     """Solution of a recipe with a closeness that the mesh can bear.
@@ -37,6 +38,8 @@ def optimized(
     reference : Reference
     boundary : 'free', 'fixed' or 'glide'
     within : float, optional, model unit
+    warp : float, model unit
+        Panels may be out of plane by so much; the rest of the freedom goes to the soft goals.
     progress : callable, optional
         Called with every step.
 
@@ -47,7 +50,7 @@ def optimized(
     """
 
     def attempt(weights: Weights) -> Solution:
-        problem = problem_for(kind, start, reference, boundary=boundary, weights=weights)
+        problem = problem_for(kind, start, reference, boundary=boundary, weights=weights, warp=warp)
         return solve(problem, start, progress=lambda _, step: progress(step) if progress else None)
 
     weights = Weights()

@@ -37,6 +37,9 @@ FIRST_PENALTY, LAST_PENALTY, PENALTY_GROWTH = 1e1, 1e8, 10.0
 # The soft goals damp the finish where hard goals nearly depend on each other (closed meshes), so
 # there they fade further.
 FINISH_PENALTY = 1e12
+# Inequalities are brought a little inside their slack at last, so that rounding and neighbours do
+# not push them out again.
+FINISH_ROOM = 0.97
 # Steps without a better result after which the descent, or the finish, has had its chance.
 PATIENCE = 12
 # Longest move of a vertex in one step, in mean edges.
@@ -125,8 +128,8 @@ def _advance(
     evaluated = [goal.term.evaluate(gathered(goal.term, state.blocks)) for goal in state.goals]
     residuals = _shifted(state, [residual for residual, _ in evaluated])
     parts = [
-        Part(_scale(state, goal, len(residual)), jacobian)
-        for goal, (residual, jacobian) in zip(state.goals, evaluated, strict=True)
+        Part(_scale(state, goal, len(residual)), _active(goal, residual, jacobian))
+        for goal, residual, (_, jacobian) in zip(state.goals, residuals, evaluated, strict=True)
     ]
     here = _Place(state, assembly, guard, length, parts, _merit(parts, residuals))
     rhs, damping = assembly.descent(parts, residuals), state.damping
@@ -236,11 +239,19 @@ def _shifted(state: _State, residuals: list[Floats]) -> list[Floats]:
     result = []
     for goal, residual in zip(state.goals, residuals, strict=True):
         if goal.hard:
-            residual = residual + state.multipliers.get(goal.name, 0.0) / state.penalty
+            shift = state.multipliers.get(goal.name, 0.0) / state.penalty
+            residual = goal.beyond(residual + shift, FINISH_ROOM if state.finishing else 1.0)
         elif state.finishing:
             residual = np.zeros_like(residual)
         result.append(residual)
     return result
+
+
+def _active(goal: Goal, residual: Floats, jacobian: Floats) -> Floats:
+    """Jacobian without the rows of inequalities that hold with room to spare."""
+    if goal.slack == 0.0:
+        return jacobian
+    return np.asarray(np.where((residual != 0.0)[:, :, None, None], jacobian, 0.0))
 
 
 def _merit(parts: list[Part], residuals: list[Floats]) -> float:
@@ -258,11 +269,11 @@ def _updated(
     for goal in state.goals:
         if goal.hard:
             residual = goal.term.evaluate(gathered(goal.term, blocks))[0]
-            hard = max(hard, float(np.abs(residual).max(initial=0.0)))
+            hard = max(hard, float(np.abs(goal.beyond(residual)).max(initial=0.0)))
             # A short step has not solved the inner problem; its multipliers would mislead.
             if share == 1.0 and not state.finishing:
-                known = multipliers.get(goal.name, 0.0)
-                multipliers[goal.name] = known + state.penalty * residual
+                shift = multipliers.get(goal.name, 0.0) / state.penalty
+                multipliers[goal.name] = state.penalty * goal.beyond(residual + shift)
     penalty = state.penalty
     if share == 1.0:
         highest = FINISH_PENALTY if state.finishing else LAST_PENALTY
