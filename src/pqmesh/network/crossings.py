@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pqmesh.network.trace import Lines
+from pqmesh.network.lines import Lines
 from pqmesh.surface.base import Surface
 from pqmesh.vectors import Floats, Indices, norm
 

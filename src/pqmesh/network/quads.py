@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from pqmesh.network.crossings import Crossings
-from pqmesh.network.trace import Lines
+from pqmesh.network.lines import Lines
 from pqmesh.surface.base import Domain
 from pqmesh.vectors import Floats, Indices, Mask
 
