@@ -12,7 +12,7 @@ import numpy as np
 import pqmesh
 from pqmesh.mesh.measure import circle_deviation, circularity_defect, planarity_deviation
 from pqmesh.offset.offsets import face_distance, vertex_distance
-from pqmesh.panelize import Spec, panelize
+from pqmesh.job import Spec, panelize
 
 
 def main(picture: str | None = None) -> dict[str, float]:

@@ -10,7 +10,7 @@ import numpy as np
 
 import pqmesh
 from pqmesh.mesh.measure import fitted_cones, planarity_deviation
-from pqmesh.panelize import Spec, panelize
+from pqmesh.job import Spec, panelize
 from pqmesh.report import deviation
 from pqmesh.surface.reference import SurfaceReference
 

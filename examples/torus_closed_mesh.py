@@ -12,7 +12,7 @@ import numpy as np
 import pqmesh
 from pqmesh.mesh.measure import fitted_cones, planarity_deviation
 from pqmesh.offset.offsets import valid_range
-from pqmesh.panelize import Spec, panelize
+from pqmesh.job import Spec, panelize
 
 
 def main(picture: str | None = None) -> dict[str, float]:

@@ -33,9 +33,9 @@ _PUBLIC = {
     "vertex_offset": "offset.offsets",
     "support_structure": "offset.support",
     "Design": "design",
-    "Spec": "panelize",
-    "Panelization": "panelize",
-    "panelize": "panelize",
+    "Spec": "job",
+    "Panelization": "job",
+    "panelize": "job",
     "PqmeshError": "errors",
 }
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import json
+import math
 import signal
 import sys
 import time
+import warnings
 from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
@@ -15,13 +16,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.exceptions import TyperException
 
-from pqmesh.errors import PqmeshError, SpecError
+from pqmesh.errors import FormatError, MeshError, PqmeshError, SpecError
 
 if TYPE_CHECKING:
+    from pqmesh.mesh.quadmesh import QuadMesh
     from pqmesh.optimize.solver import Step
     from pqmesh.surface.reference import Reference
 
 OK, BAD_INPUT, NOT_REACHED, INTERRUPTED = 0, 2, 3, 130
+# Model sizes beyond this, or below its inverse, leave the range of doubles when squared twice.
+LARGEST = 1e50
 
 app = typer.Typer(
     name="pqmesh",
@@ -111,39 +115,40 @@ def panelize(
     """Surface to panels: network, mesh, optimisation, layers, support structure, report."""
     began = time.perf_counter()
     from pqmesh.design import Design
+    from pqmesh.results import check_folder
 
     table, folder = _tables(source)
-    panels = _section(table, "panels")
-    _put(panels, "kind", kind)
-    _put(panels, "network", network)
-    _put(panels, "within", within)
-    if edge is not None:
-        lengths = [_number_or_text(part) for part in edge.split(",")]
-        panels["edge"] = lengths[0] if len(lengths) == 1 else lengths
-    _put(_section(table, "boundary"), "mode", boundary)
-    if layers is not None:
-        distances = [_number_or_text(part) for part in layers.split(",") if part.strip()]
-        _section(table, "layers")["distances"] = distances
-    _put(_section(table, "surface"), "units", units)
-    for pair in tolerance or []:
-        key, found, value = pair.partition("=")
-        if not found:
-            raise SpecError(
-                f"A tolerance must be KEY=VALUE; found {pair!r}. Write flat=0.1mm, say."
-            )
-        _section(table, "tolerance")[key.strip()] = _number_or_text(value)
-    _put(_section(table, "run"), "seed", seed)
-    if allow_many:
-        _section(table, "run")["most_panels"] = 10**12
-    _panelize(Design.of(table, source.name), folder, source, output, flip, figures, began)
+    options = {
+        "--kind": ("panels", "kind", kind),
+        "--edge": ("panels", "edge", _edge(edge)),
+        "--network": ("panels", "network", network),
+        "--boundary": ("boundary", "mode", boundary),
+        "--layers": ("layers", "distances", _lengths(layers)),
+        "--within": ("panels", "within", None if within is None else _number_or_text(within)),
+        "--units": ("surface", "units", units),
+        **{f"--tolerance {key}": ("tolerance", key, value) for key, value in _pairs(tolerance)},
+        "--seed": ("run", "seed", seed),
+        "--allow-many": ("run", "most_panels", 10**12 if allow_many else None),
+    }
+    given = [flag for flag, (section, key, value) in options.items() if value is not None]
+    for flag in given:
+        _put(table, *options[flag])
+    if source.suffix.lower() == ".json" and edge is None:
+        raise SpecError(
+            f"A control net needs the wanted panel edge beside it; {source.name} came without. "
+            f"Add --edge LENGTH."
+        )
+    check_folder(output)
+    where = source.name + (f" with {', '.join(given)}" if given else "")
+    _panelize(Design.of(table, where), folder, source, output, flip, figures, began)
 
 
 def _panelize(
     design: Any, folder: Path, source: Path, output: Path, flip: bool, figures: bool, began: float
 ) -> None:
     """The job itself, behind the options."""
-    from pqmesh.panelize import Spec
-    from pqmesh.panelize import panelize as run
+    from pqmesh.job import Spec
+    from pqmesh.job import panelize as run
     from pqmesh.report import failed, panelization_report
     from pqmesh.results import figures_available, write_panelization
 
@@ -194,15 +199,18 @@ def optimize(
     report: Annotated[Path | None, typer.Option(help="Report file to write, JSON.")] = None,
 ) -> None:
     """Move the vertices of a quad mesh as little as makes it planar, conical or circular."""
-    from pqmesh.io.atomic import write_bytes
-    from pqmesh.io.formats import read_quad_mesh, write_mesh
+    from pqmesh.io.formats import MESH_FORMATS, read_quad_mesh
     from pqmesh.optimize.schedule import optimized
     from pqmesh.report import failed, optimization_report
-    from pqmesh.results import json_bytes
+    from pqmesh.results import check_file, json_bytes, write_files
 
-    if not tolerance > 0:
-        raise SpecError(f"--tolerance must be above 0; found {tolerance:g}. Raise it.")
+    _positive("--tolerance", tolerance)
+    _positive("--within", within)
+    check_file(output, list(MESH_FORMATS))
+    if report is not None:
+        check_file(report, [".json"])
     start = read_quad_mesh(mesh)
+    _check_shape(start, mesh.name, edges=True)
     target = _reference(reference, start)
     with _progress() as tell:
         tell("optimize", None)
@@ -224,10 +232,12 @@ def optimize(
         source=mesh.name,
         units="",
         flat=tolerance,
+        within=within,
     )
-    write_mesh(moved, output)
+    files = {output: MESH_FORMATS[output.suffix.lower()].bytes_from_mesh(moved)}
     if report is not None:
-        write_bytes(report, json_bytes(found))
+        files[report] = json_bytes(found)
+    write_files(files)
     before, after, deviation = found["before"], found["after"], found["deviation"]
     mean = before["edge_mean"]
     _say(
@@ -251,12 +261,14 @@ def check(
     """Say what a mesh is: planar, circular, conical, which offsets, what is unusual."""
     from pqmesh.io.formats import read_quad_mesh
     from pqmesh.report import check_report
+    from pqmesh.results import json_bytes
 
-    if not tolerance > 0:
-        raise SpecError(f"--tolerance must be above 0; found {tolerance:g}. Raise it.")
-    found = check_report(read_quad_mesh(mesh), source=mesh.name, units=None, tolerance=tolerance)
+    _positive("--tolerance", tolerance)
+    quads = read_quad_mesh(mesh)
+    _check_shape(quads, mesh.name, edges=False)
+    found = check_report(quads, source=mesh.name, units=None, tolerance=tolerance)
     if as_json:
-        typer.echo(json.dumps(found, indent=2, allow_nan=False))
+        typer.echo(json_bytes(found).decode(), nl=False)
         return
     counts = found["mesh"]
     typer.echo(
@@ -278,22 +290,78 @@ def check(
 def _tables(source: Path) -> tuple[dict[str, Any], Path]:
     """Tables of a design, or of a bare surface file."""
     from pqmesh.design import Design
+    from pqmesh.io.atomic import shown_path
 
-    if source.suffix.lower() == ".toml":
+    suffix = source.suffix.lower()
+    if suffix == ".toml":
         return Design.read(source)
+    shown = shown_path(source)
+    if not source.exists():
+        raise FormatError(f"The file {shown} must exist; it does not. Check the path.")
+    if suffix != ".json" or source.is_dir():
+        found = "a folder" if source.is_dir() else f"{suffix or 'no suffix'!r}, not readable yet"
+        raise FormatError(
+            f"{shown}: a surface must be a design (.toml) or a control net (.json); found {found}. "
+            f"Export its control points, or write it as a formula."
+        )
     return {"surface": {"file": source.name}}, source.parent
 
 
-def _section(table: dict[str, Any], name: str) -> dict[str, Any]:
-    """A section of the design, made when it is missing; a wrong one is left to the check."""
-    section = table.setdefault(name, {})
-    return section if isinstance(section, dict) else {}
+def _put(table: dict[str, Any], section: str, key: str, value: Any) -> None:
+    """An option that was given wins over the file; a wrong section is left to the check."""
+    part = table.setdefault(section, {})
+    if isinstance(part, dict):
+        part[key] = value.value if isinstance(value, StrEnum) else value
 
 
-def _put(section: dict[str, Any], key: str, value: Any) -> None:
-    """An option that was given wins over the file."""
-    if value is not None:
-        section[key] = value.value if isinstance(value, StrEnum) else value
+def _edge(text: str | None) -> Any:
+    """One length, or a list of what stands between commas."""
+    lengths = _lengths(text)
+    return lengths[0] if lengths and len(lengths) == 1 else lengths
+
+
+def _lengths(text: str | None) -> list[float | str] | None:
+    """What stands between commas; nothing of an empty text."""
+    if text is None:
+        return None
+    return [_number_or_text(part) for part in text.split(",")] if text.strip() else []
+
+
+def _pairs(texts: list[str] | None) -> Iterator[tuple[str, float | str]]:
+    """Keys and values of KEY=VALUE."""
+    for text in texts or []:
+        key, found, value = text.partition("=")
+        if not found or not key.strip() or not value.strip():
+            raise SpecError(
+                f"A tolerance must be KEY=VALUE; found {text!r}. Write --tolerance flat=0.1mm, say."
+            )
+        yield key.strip(), _number_or_text(value)
+
+
+def _check_shape(mesh: QuadMesh, name: str, *, edges: bool) -> None:
+    """Refuse meshes without area or of a size that squares leave the range of numbers."""
+    from pqmesh.vectors import norm
+
+    extent = float((mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)).max())
+    if not 1 / LARGEST < extent < LARGEST:
+        raise MeshError(
+            f"{name}: the extent of a mesh must lie between {1 / LARGEST:g} and {LARGEST:g}; found "
+            f"{extent:g}. Check its coordinates and units."
+        )
+    if norm(mesh.face_area_vectors).sum() <= 1e-14 * extent**2:
+        raise MeshError(f"{name}: a mesh must have area; all its faces have none. Export it again.")
+    if edges and not mesh.edge_lengths.min() > 0:
+        a, b = mesh.edges[mesh.edge_lengths.argmin()]
+        raise MeshError(
+            f"{name}: the edges of a mesh to optimise must have length; edge {a}-{b} has none. "
+            f"Merge its ends, or move one. (Vertices count from 0 here.)"
+        )
+
+
+def _positive(name: str, value: float | None) -> None:
+    """Refuse an option that is not a finite number above 0."""
+    if value is not None and not 0 < value < math.inf:
+        raise SpecError(f"{name} must be a number above 0; found {value:g}. Raise it.")
 
 
 def _number_or_text(part: str) -> float | str:
@@ -314,6 +382,7 @@ def _reference(path: Path | None, start: Any) -> Reference:
         from pqmesh.design import Design
 
         table, folder = _tables(path)
+        # Only the surface counts here; a design without panels will do.
         table.setdefault("panels", {"edge": 1.0})
         return SurfaceReference(Design.of(table, path.name).build_surface(folder))
     from pqmesh.io.formats import read_mesh
@@ -372,28 +441,51 @@ def _interrupt(number: int, frame: object) -> None:
 
 def main() -> None:
     """Run the command; bad input ends in one line and exit code 2."""
+    _Session.quiet = _Session.debug = False
     with contextlib.suppress(ValueError):  # not in the main thread
         signal.signal(signal.SIGTERM, _interrupt)
+    with warnings.catch_warnings():
+        # Numbers out of range are refused where they matter; their warnings tell a user nothing.
+        warnings.simplefilter("ignore")
+        code, line = _outcome()
+    if line:
+        typer.echo(f"pqmesh: {line}", err=True)
+    sys.exit(code)
+
+
+def _outcome() -> tuple[int, str]:
+    """Exit code of the command, and the one line that a failure leaves."""
     try:
         code = app(standalone_mode=False)
     except KeyboardInterrupt:
-        typer.echo("pqmesh: interrupted; nothing was written", err=True)
         code = INTERRUPTED
-    except PqmeshError as error:
-        if _Session.debug:
+    except (ValueError, MemoryError, ArithmeticError) as error:
+        # numpy's LinAlgError by name: importing numpy would make `--help` slow.
+        known = not isinstance(error, ValueError) or isinstance(error, PqmeshError)
+        if _Session.debug or not (known or type(error).__name__ == "LinAlgError"):
             raise
-        typer.echo(f"pqmesh: {' '.join(str(error).split())}", err=True)
-        code = BAD_INPUT
-    except MemoryError:
-        typer.echo("pqmesh: the job needs more memory than there is. Use longer edges.", err=True)
-        code = BAD_INPUT
+        return BAD_INPUT, _reason(error)
     except TyperException as error:
-        typer.echo(f"pqmesh: {_one_line(error)} See pqmesh --help.", err=True)
-        code = BAD_INPUT
-    sys.exit(code if isinstance(code, int) else OK)
+        return BAD_INPUT, f"{_one_line(error)} See pqmesh --help."
+    if code == INTERRUPTED:
+        return code, "interrupted; nothing was written"
+    return code if isinstance(code, int) else OK, ""
+
+
+def _reason(error: Exception) -> str:
+    """One line about an error."""
+    if isinstance(error, PqmeshError):
+        return " ".join(str(error).split())
+    if isinstance(error, MemoryError):
+        return "The job must fit into memory; it does not. Use longer edges."
+    return (
+        f"Sizes must allow to compute with them; found a failure of arithmetic ({error}). Check "
+        f"coordinates and lengths for values far too large or too small."
+    )
 
 
 def _one_line(error: TyperException) -> str:
     """What is wrong with the arguments."""
-    text = " ".join(error.format_message().split()).replace("Value error, ", "")
-    return text if text.endswith(".") else text + "."
+    text = " ".join(error.format_message().split()).replace("Value error, ", "").replace("?.", "?")
+    text = text or "A command must be named; found none."
+    return text if text.endswith((".", "?")) else text + "."

@@ -8,12 +8,13 @@ import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from pqmesh.errors import FormatError, SpecError
+from pqmesh.io.atomic import shown_path
 from pqmesh.network.region import PlanOutline
 from pqmesh.surface.base import Domain, Surface
 from pqmesh.surface.bspline import BSplineSurface
@@ -22,13 +23,21 @@ from pqmesh.surface.regular import check_regular, closes
 
 # Metres in a unit.
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "ft": 0.3048, "in": 0.0254}
-LARGEST_FILE = 64_000_000
+# A file beyond this is not a design or a control net; it would take minutes to parse.
+LARGEST_FILE = 16_000_000
+# Above this, squares and cubes of lengths leave the range of doubles.
+LARGEST_LENGTH = 1e100
+# The TOML reader needs time by the square of a dotted key's length.
+MOST_KEY_WORK = 10_000_000
 
 _LENGTH = re.compile(r"\s*([-+0-9.eE]+)\s*([a-z]*)\s*")
 _ANGLE = re.compile(r"\s*([-+0-9.eE]+)\s*(°|deg|rad)?\s*")
 
-Length = float | str
-Number = float
+# Strict: a truth value or a text is no number.
+Number = Annotated[float, Field(strict=True)]
+Whole = Annotated[int, Field(strict=True)]
+Truth = Annotated[bool, Field(strict=True)]
+Length = Number | str
 
 
 class _Part(BaseModel):
@@ -61,11 +70,11 @@ class NetSpec(_Part):
     """A control net, in the design or in a JSON file of the same keys."""
 
     file: str | None = None
-    degree: tuple[int, int] = (3, 3)
+    degree: tuple[Whole, Whole] = (3, 3)
     points: list[list[list[Number]]] | None = None
     weights: list[list[Number]] | None = None
     knots: tuple[list[Number], list[Number]] | None = None
-    periodic: tuple[bool, bool] = (False, False)
+    periodic: tuple[Truth, Truth] = (False, False)
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
@@ -87,13 +96,17 @@ class SurfaceSpec(_Part):
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
-        given = [
-            name for name in ("formula", "graph", "net", "shape", "file") if getattr(self, name)
-        ]
+        ways = ("formula", "graph", "net", "shape", "file")
+        given = [name for name in ways if getattr(self, name) is not None]
         if len(given) != 1:
             raise ValueError(
                 "a surface is given in exactly one of the ways formula, graph, net, shape, file; "
                 f"found {', '.join(given) or 'none'}. Keep one"
+            )
+        if self.select is not None:
+            raise ValueError(
+                f"select chooses an object of a model file, which is not readable yet; found "
+                f"{self.select!r}. Leave it out"
             )
         if self.units not in UNITS:
             raise ValueError(
@@ -144,14 +157,14 @@ class OutputSpec(_Part):
     """What is written."""
 
     formats: tuple[Literal["obj"], ...] = ("obj",)
-    figures: bool = True
+    figures: Truth = True
 
 
 class RunSpec(_Part):
     """How it is run."""
 
-    seed: int = 0
-    most_panels: int = Field(default=1_000_000, gt=0)
+    seed: Whole = 0
+    most_panels: Whole = Field(default=1_000_000, gt=0)
 
 
 class Design(_Part):
@@ -182,18 +195,22 @@ class Design(_Part):
             design = cls.model_validate(table)
         except ValidationError as error:
             raise SpecError(_first_message(error, where)) from None
-        _ = design.edges, design.distances, design.tolerances
+        try:
+            _ = design.edges, design.distances, design.tolerances
+        except SpecError as error:
+            raise SpecError(f"{where}: {error}") from None
         return design
 
     @classmethod
     def read(cls, path: str | Path) -> tuple[dict[str, Any], Path]:
         """Tables of a design file, not checked yet, and the folder its files are sought in."""
-        text = _text(Path(path))
+        text, name = _text(Path(path)), shown_path(Path(path).name)
+        _check_keys(text, name)
         try:
             return tomllib.loads(text), Path(path).parent
-        except tomllib.TOMLDecodeError as error:
+        except (ValueError, RecursionError) as error:
             raise SpecError(
-                f"A design must be a TOML file; {Path(path).name} is not: {error}. Mend that place."
+                f"A design must be a TOML file; {name} is not: {_reason(error)}. Mend that place."
             ) from None
 
     # --- values in the model unit -----------------------------------------------------------
@@ -232,11 +249,9 @@ class Design(_Part):
     def tolerances(self) -> dict[str, float]:
         """Tolerances in model units and degrees."""
         asked = self.tolerance
-        deviation = (
-            0.05 * sum(self.edges) / 2
-            if asked.deviation is None
-            else self._positive(asked.deviation, "tolerance.deviation")
-        )
+        deviation = self.within or 0.05 * sum(self.edges) / 2
+        if asked.deviation is not None:
+            deviation = self._positive(asked.deviation, "tolerance.deviation")
         conical = asked.conical
         if conical <= 0:
             raise SpecError(f"tolerance.conical must be above 0; found {conical:g}. Raise it.")
@@ -261,18 +276,19 @@ class Design(_Part):
                 number = math.nan
             if not match or (unit and unit not in UNITS) or math.isnan(number):
                 raise SpecError(
-                    f"{key} must be a length such as 1.5 or '0.1 mm'; found {value!r}. "
-                    f"Known units are {', '.join(UNITS)}."
+                    f"{key} must be {_LENGTH_WORDS}; found {_shown(value)}. {_LENGTH_HINT}"
                 )
             number *= UNITS[unit] / UNITS[self.units] if unit else 1.0
-        if not math.isfinite(number):
-            raise SpecError(f"{key} must be finite; found {value}. Give a number.")
+        if not abs(number) <= LARGEST_LENGTH:
+            raise SpecError(
+                f"{key} must be below {LARGEST_LENGTH:g}; found {_shown(value)}. Check the units."
+            )
         return number
 
     def _positive(self, value: Length, key: str) -> float:
         number = self.length(value, key)
         if number <= 0:
-            raise SpecError(f"{key} must be above 0; found {value!r}. Raise it.")
+            raise SpecError(f"{key} must be above 0; found {_shown(value)}. Raise it.")
         return number
 
     # --- objects ----------------------------------------------------------------------------
@@ -287,8 +303,14 @@ class Design(_Part):
         """The outline, if any."""
         if self.outline is None:
             return None
-        holes = tuple(np.array(hole) for hole in self.outline.holes)
-        return PlanOutline(np.array(self.outline.polygon), holes)
+        rings = [np.array(ring) for ring in (self.outline.polygon, *self.outline.holes)]
+        largest = max(float(np.abs(ring).max(initial=0.0)) for ring in rings)
+        if largest > LARGEST_LENGTH:
+            raise SpecError(
+                f"An outline must stay below {LARGEST_LENGTH:g}; found a coordinate of "
+                f"{largest:g}. Check the units."
+            )
+        return PlanOutline(rings[0], tuple(rings[1:]))
 
 
 def _surface(spec: SurfaceSpec, folder: Path) -> Surface:
@@ -306,7 +328,8 @@ def _surface(spec: SurfaceSpec, folder: Path) -> Surface:
         from pqmesh.surface.analytic import shape_surface
 
         parameters = {key: value for key, value in spec.shape.items() if key != "kind"}
-        return shape_surface(str(spec.shape.get("kind", "")), **parameters)
+        kind = spec.shape.get("kind", "")
+        return shape_surface(kind if isinstance(kind, str) else _shown(kind), **parameters)
     net = spec.net or NetSpec(file=spec.file)
     if net.file is not None:
         net = _net_file(folder / net.file)
@@ -332,77 +355,164 @@ def _rectangular(rows: list[Any], name: str) -> Any:
 
 def _net_file(path: Path) -> NetSpec:
     """Control net of a JSON file."""
+    name = shown_path(path.name)
     if path.suffix.lower() != ".json":
         raise FormatError(
-            f"A surface file must be a control net in .json; found {path.name!r}. Export the "
-            f"control points, degrees, knots and weights, or give a formula."
+            f"A surface file must be a control net in .json; {name} cannot be read yet. Export "
+            f"the control points, degrees, knots and weights, or give a formula."
         )
     try:
         table = json.loads(_text(path))
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise FormatError(f"{path.name} must be JSON; it is not: {error}. Mend it.") from None
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, FormatError):
+            raise
+        raise FormatError(f"{name} must be JSON; it is not: {_reason(error)}. Mend it.") from None
     if not isinstance(table, dict):
         raise FormatError(
-            f"{path.name} must hold a JSON object with degree and points; it holds a "
+            f"{name} must hold a JSON object with degree and points; it holds a "
             f"{type(table).__name__}. Mend it."
+        )
+    if "file" in table:
+        raise FormatError(
+            f"{name} must hold the control points themselves; it names another file. Name that "
+            f"one in the design."
         )
     try:
         return NetSpec.model_validate(table)
     except ValidationError as error:
-        raise SpecError(_first_message(error, path.name, NetSpec)) from None
+        raise SpecError(_first_message(error, name, NetSpec)) from None
 
 
 def _text(path: Path) -> str:
     """A text file's content, or one clear refusal."""
+    shown = shown_path(path)
     try:
+        if not path.exists():
+            raise FormatError(f"The file {shown} must exist; it does not. Check the path.")
+        # A pipe or device would be waited for without end.
+        if not path.is_file():
+            what = "a folder" if path.is_dir() else "a pipe or device"
+            raise FormatError(f"{shown} must be a file; it is {what}. Name the file.")
         if path.stat().st_size > LARGEST_FILE:
             raise FormatError(
-                f"{path.name} must be below {LARGEST_FILE // 1_000_000} MB; it is larger. Is it "
+                f"{shown} must be below {LARGEST_FILE // 1_000_000} MB; it is larger. Is it "
                 f"the right file?"
             )
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise FormatError(f"The file {path} must exist; it does not. Check the path.") from None
-    except IsADirectoryError:
-        raise FormatError(f"{path} must be a file; it is a folder. Name the file.") from None
+        text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
-        raise FormatError(
-            f"{path.name} must be UTF-8 text; it is not. Is it the right file?"
-        ) from None
+        raise FormatError(f"{shown} must be UTF-8 text; it is not. Is it the right file?") from None
     except OSError as error:
-        raise FormatError(f"{path} must be readable; {error.strerror}. Check its rights.") from None
+        raise FormatError(
+            f"{shown} must be readable; {error.strerror}. Check its name and rights."
+        ) from None
+    except ValueError as error:
+        if isinstance(error, FormatError):
+            raise
+        raise FormatError(f"{shown} must be the name of a file; {error}. Mend it.") from None
+    if not text.strip():
+        raise FormatError(f"{shown} must not be empty; it is. Is it the right file?")
+    return text
+
+
+def _check_keys(text: str, name: str) -> None:
+    """Refuse dotted keys so long that the TOML reader would not come back."""
+    if sum(part.count(".") ** 2 for part in re.split(r"[=,{}\n]", text)) > MOST_KEY_WORK:
+        raise SpecError(
+            f"A design must have short keys; {name} has one with too many dots. Mend it."
+        )
+
+
+def _reason(error: Exception) -> str:
+    """Why a text could not be parsed, in one line."""
+    if isinstance(error, RecursionError):
+        return "its brackets are nested too deep"
+    if isinstance(error, tomllib.TOMLDecodeError | json.JSONDecodeError):
+        return str(error)
+    return "it has a whole number of thousands of digits"
 
 
 def _degrees(value: Length) -> float:
     """An angle in degrees, from a number of degrees or a text such as '0.01°'."""
     match = _ANGLE.fullmatch(value) if isinstance(value, str) else None
     try:
-        number = float(match.group(1)) if match else float(value)
+        number = float(match.group(1) if match else value)
     except ValueError:
         number = math.nan
     if match and match.group(2) == "rad":
         number = math.degrees(number)
-    if not number > 0:
+    if not 0 < number <= 360:
         raise SpecError(
-            f"tolerance.twist must be an angle above 0 such as 0.01 or '0.01 deg'; found {value!r}."
+            f"tolerance.twist must be an angle above 0 such as 0.01 or '0.01 deg'; found "
+            f"{_shown(value)}. Change it."
         )
     return number
 
 
+# What a key must be and what to do, by the kind of pydantic's complaint.
+_LENGTH_WORDS = "a length such as 1.5 or '0.1 mm'"
+_LENGTH_HINT = f"Known units are {', '.join(UNITS)}."
+_COMPLAINTS = {
+    "finite": ("a finite number", "Give a number."),
+    "float": ("a number", "Give a number."),
+    "int": ("a whole number", "Give one."),
+    "string": ("text", "Put it between quotation marks."),
+    "bool": ("true or false", "Choose one, without quotation marks."),
+    "dict": ("a table of keys and values", "Write it as a section."),
+    "model": ("a table of keys and values", "Write it as a section."),
+    "list": ("a list", "Put it between brackets."),
+    "tuple": ("a list", "Put it between brackets."),
+    "greater": ("above 0", "Raise it."),
+}
+
+
 def _first_message(error: ValidationError, where: str, model: type[BaseModel] = Design) -> str:
     """One line for the first thing that is wrong: where, what, and the nearest known key."""
-    first = error.errors()[0]
-    path = [str(step) for step in first["loc"]]
-    key = ".".join(path)
-    if first["type"] == "extra_forbidden":
-        known = _known_keys(model, path[:-1])
-        hint = nearest_name(path[-1], known)
-        return f"{where}: {key} is not a known key{hint}. Known here: {', '.join(sorted(known))}."
-    if first["type"] == "missing":
+    found = error.errors()
+    # A misspelt key tells more than the key that is missing because of it.
+    extra = [row for row in found if row["type"] == "extra_forbidden"]
+    first = (extra or found)[0]
+    path = [step for step in first["loc"] if not _is_branch(step)]
+    key = ".".join(step if str(step).isprintable() else repr(step) for step in map(str, path))
+    if extra:
+        known = sorted(_known_keys(model, [str(step) for step in path[:-1]]))
+        hint = nearest_name(str(path[-1]), known) or "."
+        return f"{where}: {key} is not a known key{hint} Known here: {', '.join(known)}."
+    if first["type"] == "missing" and isinstance(path[-1], str):
         return f"{where}: {key} must be given; it is missing. Add it."
-    message = first["msg"].removeprefix("Value error, ").rstrip(".")
-    found = "" if first["type"] == "value_error" else f"; found {str(first['input'])[:60]!r}"
-    return f"{where}: {key or 'design'}: {message}{found}."
+    if first["type"] == "value_error":
+        text = first["msg"].removeprefix("Value error, ").rstrip(".")
+        return f"{where}: {key or 'design'}: {text}."
+    must, remedy = _complaint(first, is_length=len(path) < len(first["loc"]))
+    if path[-1] == "edge":
+        must += ", or a list of two"
+    if path[-1] == "twist":
+        must, remedy = "an angle such as 0.01 or '0.01 deg'", "Change it."
+    return f"{where}: {key} must be {must}; found {_shown(first['input'])}. {remedy}"
+
+
+def _complaint(first: Any, *, is_length: bool) -> tuple[str, str]:
+    """What must be, and what to do, for one complaint of pydantic."""
+    kind, bounds = first["type"], first.get("ctx", {})
+    if is_length:
+        return _LENGTH_WORDS, _LENGTH_HINT
+    if kind == "literal_error":
+        return bounds["expected"], "Choose that."
+    if kind == "missing" or kind.startswith("too_"):
+        return "a list of two", "Give two values."
+    return _COMPLAINTS.get(kind.split("_")[0], ("as documented", "Mend it."))
+
+
+def _is_branch(step: str | int) -> bool:
+    """Whether a step of pydantic's path names a branch of a union, not a key."""
+    return isinstance(step, str) and (step in ("float", "str") or step.startswith("tuple["))
+
+
+def _shown(value: Any) -> str:
+    """A value as a message of one line may show it."""
+    if isinstance(value, int) and abs(value) >= 10**60:
+        return "a number of more than 60 digits"
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _known_keys(model: type[BaseModel], path: list[str]) -> list[str]:
@@ -415,4 +525,5 @@ def _known_keys(model: type[BaseModel], path: list[str]) -> list[str]:
         if not nested:
             break
         model = nested[0]
-    return list(model.model_fields)
+    # A net's file names no further file.
+    return [key for key in model.model_fields if (model, key) != (NetSpec, "file") or path]

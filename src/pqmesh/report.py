@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 import pqmesh
+from pqmesh.job import Panelization
 from pqmesh.mesh.measure import (
     circularity_defect,
     corner_angles,
@@ -22,7 +24,6 @@ from pqmesh.network.principal import Inside
 from pqmesh.offset.offsets import Layer, offset_vectors
 from pqmesh.offset.support import SupportStructure, twist
 from pqmesh.optimize.solver import Solution
-from pqmesh.panelize import Panelization
 from pqmesh.surface.base import Surface
 from pqmesh.surface.curvature import first_form
 from pqmesh.surface.reference import Reference, SurfaceReference, TriangleReference
@@ -86,6 +87,7 @@ def optimization_report(
     source: str,
     units: str,
     flat: float,
+    within: float | None = None,
 ) -> dict[str, Any]:
     """Report of `optimize`: the same keys where they exist."""
     report: dict[str, Any] = {
@@ -107,6 +109,8 @@ def optimization_report(
     if kind == "circular":
         asked["circular"] = 1e-6
         reached["circular"] = float(np.abs(circularity_defect(mesh)).max())
+    if within is not None:
+        asked["deviation"], reached["deviation"] = within, report["deviation"]["max"]
     report["tolerance"] = [_judged(key, asked[key], reached[key]) for key in asked]
     return report
 
@@ -166,8 +170,10 @@ def all_measures(mesh: QuadMesh, kind: str) -> dict[str, Any]:
     found["twist_max_deg"] = None
     # Axes of circular meshes are those of the vertex offset; a mesh in pieces has none.
     if kind != "circular" or mesh.topology.components.max() == 0:
-        axes = offset_vectors(mesh, "circular" if kind == "circular" else "conical").axes
-        found["twist_max_deg"] = float(np.degrees(twist(mesh, axes).max()))
+        # Nor has one with collapsed edges.
+        with suppress(ArithmeticError):
+            axes = offset_vectors(mesh, "circular" if kind == "circular" else "conical").axes
+            found["twist_max_deg"] = float(np.degrees(twist(mesh, axes).max()))
     return found
 
 

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import json
+import math
+import os
 import re
 import time
+from collections.abc import Sequence
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pqmesh.io.atomic import write_all
+from pqmesh.errors import FormatError, PqmeshError
+from pqmesh.io.atomic import shown_path, write_all, write_bytes
 from pqmesh.io.obj import obj_from_mesh
 from pqmesh.mesh.measure import conicality_defect, fitted_cones, planarity_deviation
 from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.offset.support import SupportStructure
-from pqmesh.panelize import Panelization
+from pqmesh.job import Panelization
 
 # Files that an earlier run of the same command may have left and this one does not replace.
 _OURS = re.compile(r"layer-\d+(-panels)?\.obj|support(-panels)?\.obj|figures/[a-z-]+\.png")
@@ -75,6 +80,7 @@ def panelization_figures(result: Panelization, units: str) -> dict[str, bytes]:
             unit=flat[1],
             units=units,
             log=True,
+            at="face",
             title="Flatness of the panels after optimisation",
         ),
         "surface-curvature": figures.viability_figure(
@@ -96,6 +102,7 @@ def panelization_figures(result: Panelization, units: str) -> dict[str, bytes]:
             unit="deg",
             units=units,
             log=True,
+            at="vertex",
             title="Balance of angles at the nodes, before and after",
         )
     if result.layers and result.support is not None and len(fitted_cones(mesh).vertices):
@@ -118,7 +125,88 @@ def _in_small_units(lengths: Any, units: str) -> tuple[Any, str]:
 
 def json_bytes(report: dict[str, Any]) -> bytes:
     """A report as JSON: keys in their order, floats exact, a new line at the end."""
-    return (json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False) + "\n").encode()
+    finite = _finite(report)
+    return (json.dumps(finite, indent=2, allow_nan=False, ensure_ascii=False) + "\n").encode()
+
+
+def _finite(value: Any) -> Any:
+    """The value with None for what is no finite number: JSON knows no other."""
+    if isinstance(value, dict):
+        return {key: _finite(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse an output folder that cannot be made or written, before the work instead of after.
+
+    Raises
+    ------
+    FormatError
+        Naming the file in the way, or the folder that is write-protected.
+    """
+    stands = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))
+    if not stands.is_dir():
+        raise FormatError(
+            f"{shown_path(folder)}: the results must go to a folder; {shown_path(stands)} is a "
+            f"file. Choose another folder."
+        )
+    if not os.access(stands, os.W_OK | os.X_OK):
+        raise FormatError(
+            f"{shown_path(folder)}: the folder must be writable; {shown_path(stands)} is "
+            f"write-protected. Allow writing, or choose another folder."
+        )
+
+
+def check_file(path: Path, suffixes: Sequence[str]) -> None:
+    """Refuse an output file of another format, or in a folder that does not stand.
+
+    Raises
+    ------
+    FormatError
+        Naming the suffixes, the folder, or what is in the way.
+    """
+    shown = shown_path(path)
+    if path.suffix.lower() not in suffixes:
+        raise FormatError(
+            f"{shown}: the suffix of this output must be one of {', '.join(suffixes)}; found "
+            f"{path.suffix or 'none'!r}. Rename it."
+        )
+    if path.is_dir():
+        raise FormatError(f"{shown}: the output must be a file; it is a folder. Name a file in it.")
+    folder = path.absolute().parent
+    if not folder.is_dir():
+        raise FormatError(
+            f"{shown}: the folder of the output must exist; found none. Make it, or choose another."
+        )
+    if not os.access(path if path.exists() else folder, os.W_OK):
+        raise FormatError(
+            f"{shown}: the output must be writable; it is write-protected. Allow writing, or "
+            f"choose another."
+        )
+
+
+def write_files(files: dict[Path, bytes]) -> None:
+    """Write single files of one result: all of them, or those before come back.
+
+    Raises
+    ------
+    FormatError
+        As `write_bytes`.
+    """
+    earlier = {path: path.read_bytes() if path.is_file() else None for path in files}
+    try:
+        for path, data in files.items():
+            write_bytes(path, data)
+    except BaseException:
+        for path, before in earlier.items():
+            if before is None:
+                with suppress(OSError):
+                    path.unlink(missing_ok=True)
+            elif path.read_bytes() != before:
+                write_bytes(path, before)
+        raise
 
 
 def write_panelization(
@@ -132,7 +220,11 @@ def write_panelization(
     clock = time.perf_counter()
     files = panelization_files(result)
     if figures:
-        files |= panelization_figures(result, report["units"])
+        try:
+            files |= panelization_figures(result, report["units"])
+        except PqmeshError as error:
+            # The roof itself is sound, and the work behind it is long.
+            report = report | {"warnings": [*report["warnings"], f"no pictures: {error}"]}
     seconds = result.seconds
     report = report | {
         "timing": {
@@ -156,4 +248,8 @@ def _remove_leftovers(folder: Path, kept: set[str]) -> None:
     for path in [*folder.glob("*.obj"), *folder.glob("figures/*.png")]:
         name = path.relative_to(folder).as_posix()
         if name not in kept and _OURS.fullmatch(name):
-            path.unlink(missing_ok=True)
+            # The result stands; what cannot be removed is no reason to call it failed.
+            with suppress(OSError):
+                path.unlink()
+    with suppress(OSError):
+        (folder / "figures").rmdir()

@@ -17,7 +17,7 @@ import pqmesh
 from pqmesh.cli import app
 from pqmesh.design import Design
 from pqmesh.mesh.exact import rotational_mesh
-from pqmesh.panelize import Spec, panelize
+from pqmesh.job import Spec, panelize
 from pqmesh.report import check_report, panelization_report
 
 ROOT = Path(__file__).parents[2]
@@ -83,7 +83,6 @@ def test_public_names_are_the_same_whatever_was_imported_before(tmp_path):
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.xfail(strict=True, reason="the module of that name takes the place of the function")
 def test_public_name_panelize_is_the_function_after_another_name_of_its_module(tmp_path):
     done = run(
         "-c", "from pqmesh import Spec, panelize; assert callable(panelize)", folder=tmp_path

@@ -34,7 +34,7 @@ BOUNDS = {
     },
     "ellipsoid_curvature_lines": {
         "crossings": (20, 200),
-        "coordinate_drift": (0.0, 1e-10),
+        "coordinate_drift": (0.0, 1e-8),
         "umbilics": (4, 4),
         "umbilic_error": (0.0, 1e-12),
         "order_of_deviation": (3.9, 4.1),

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from shapes import curved_mesh, zoo
 
+from pqmesh import linear
 from pqmesh.io.formats import read_quad_mesh
+from pqmesh.linear import SymmetricPattern
 from pqmesh.mesh import solids
 from pqmesh.mesh.exact import rotational_mesh
 from pqmesh.mesh.measure import flipped_faces, nonconvex_faces, planarity
 from pqmesh.mesh.quadmesh import QuadMesh
-from pqmesh.optimize import linear
 from pqmesh.optimize.ending import Best
 from pqmesh.optimize.guard import LEAST_EDGE, LEAST_OWN_EDGE, Guard
-from pqmesh.optimize.linear import SymmetricPattern
 from pqmesh.optimize.recipes import Weights, problem_for
 from pqmesh.optimize.schedule import optimized
 from pqmesh.optimize.solver import solve

@@ -17,7 +17,7 @@ from pqmesh.network.trace import Limits
 from pqmesh.vectors import Mask
 
 # Every round adds lines for some marks and strikes those marks out.
-_ROUNDS = 30
+_ROUNDS = 12
 # A later line nearer than this to earlier ones, in panels and in the median, is not wanted: it
 # would split a strip in two.
 _CROWDED = 0.5

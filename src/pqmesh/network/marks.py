@@ -177,7 +177,8 @@ def _needed(patch: Patch, rails: Lines, marks: Marks, across: float) -> Mask:
     jet = patch.surface.jet(uv)
     shape = shape_data(jet)
     cos = dot(unit(along)[:, None], shape.directions)
-    needed = np.asarray(patch.inside(uv)).copy()
+    # A region smaller than a panel slips through the grid of 5 x 5 points around a mark.
+    needed = np.asarray(cKDTree(patch.points).query(jet.point)[0] < marks.panel)
     for a in np.linspace(-1.0, 1.0, 5):
         for b in np.linspace(-1.0, 1.0, 5):
             rest = np.flatnonzero(~needed)

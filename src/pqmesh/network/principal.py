@@ -94,17 +94,19 @@ def trace_principal_network(
     patch = sampled_patch(surface, inside)
     # Lines of a family stand apart by the edge along the other family.
     spacing = np.array([edge[1], edge[0]])
-    apart = np.clip(spacing, _PROBE[0] * patch.size, _PROBE[1] * patch.size)
+    # Regions smaller than a panel need lines all around them.
+    reach = patch.size + 4.0 * float(spacing.max())
+    apart = np.clip(spacing, _PROBE[0] * reach, _PROBE[1] * reach)
     coarse = Limits(
         step=0.7 * float(apart.min()),
-        length=4.0 * patch.size,
+        length=4.0 * reach,
         tolerance=_PROBE_TOLERANCE * patch.size,
         turn=0.75 * float(apart.min()),
         inside=inside,
-        outside=0.5 * patch.size + 4.0 * float(spacing.max()),
+        outside=reach - 0.5 * patch.size,
     )
     fine = coarse._replace(
-        step=min(0.5 * float(spacing.min()), 0.05 * patch.size),
+        step=min(0.5 * float(spacing.min()), 0.05 * reach),
         tolerance=_TOLERANCE * patch.size,
         turn=0.75 * float(spacing.min()),
     )

@@ -11,7 +11,7 @@ from pqmesh.network.trace import Limits
 from pqmesh.vectors import Floats, Mask, norm
 
 # Every round serves its own sample at least; more than this only refine a ragged rest.
-_ROUNDS = 24
+_ROUNDS = 12
 # Share of the samples that may stay far from lines: what lacks there is found at the end.
 _REST = 0.003
 

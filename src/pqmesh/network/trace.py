@@ -62,13 +62,14 @@ class Heading(NamedTuple):
     """What a field says at N points.
 
     `velocity` is the step (du, dv) at unit surface speed along `direction`, `across` that at a
-    right angle to it; `margin` is positive where the field is defined and falls through zero
-    where it ends.
+    right angle to it; `kind` is which of the field's directions it is; `margin` is positive where
+    the field is defined and falls through zero where it ends.
     """
 
     velocity: Floats
     across: Floats
     direction: Floats
+    kind: Indices
     margin: Floats
 
 
@@ -113,6 +114,7 @@ def principal_field(gap: float) -> Field:
             sign * shape.directions_uv[row, family],
             shape.directions_uv[row, 1 - family],
             sign * shape.directions[row, family],
+            family,
             shape.k[:, 0] - shape.k[:, 1] - gap,
         )
 
@@ -267,17 +269,43 @@ class _Walker:
         return verdict
 
     def _at_umbilics(self, live: Indices, step: _Step, verdict: _Verdict) -> _Verdict:
-        """Shorten steps that run over an umbilic, until they end next to it."""
+        """Shorten steps that run over an umbilic, until they end next to it.
+
+        A step over an umbilic ends on a line of the other kind, even where it clears the gap.
+        """
         good, _, stop, factor = verdict
-        lost = good & (step.last.margin <= 0)
-        before = self.heading.margin[live]
-        fall = np.where(lost, before - step.last.margin, 1.0)
-        arrived = lost & ((before < 1e-3 * fall) | (self.h[live] < 1e-6 * self.limits.step))
-        stop[arrived] = End.UMBILIC
-        back = lost & ~arrived
+        before, after = self.heading.margin[live], step.last.margin
+        changed = step.last.kind != self.heading.kind[live]
+        lost = np.flatnonzero(good & (changed | (after <= 0)))
+        if not len(lost):
+            return verdict
+        before = np.maximum(before[lost], 0.0)
+        fall = before + np.abs(after[lost]) + 1e-300
+        part = before / fall
+        stuck = ~self._smooth_at(live[lost], step.dense[lost], part)
+        small = (before < 1e-3 * fall) & ~changed[lost]
+        arrived = stuck & (small | (self.h[live[lost]] < 1e-6 * self.limits.step))
+        stop[lost[arrived]] = End.UMBILIC
+        back = lost[stuck & ~arrived]
         good[back] = False
-        factor[back] = np.clip(0.999 * before[back] / fall[back], 0.05, 0.95)
+        factor[back] = np.clip(0.999 * part[stuck & ~arrived], 0.05, 0.95)
         return verdict
+
+    def _smooth_at(self, rows: Indices, dense: Floats, part: Floats) -> Mask:
+        """Whether the directions run smoothly over a place of each step, given as a fraction.
+
+        They do so over a line of umbilics, which may be crossed. Around an isolated umbilic they
+        turn by half the angle or faster: by 22 degrees or more on the diagonals.
+        """
+        place = dense[:, 0] + part[:, None] * dense[:, 1]
+        reference = self.heading.direction[rows]
+        aside = 0.5 * self.h[rows, None]
+        smooth = np.ones(len(rows), dtype=np.bool_)
+        for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+            shift = a * self.heading.velocity[rows] + b * self.heading.across[rows]
+            there = self._head(place + aside * shift, reference)
+            smooth &= dot(there.direction, reference) > 0.97
+        return smooth
 
     def _at_seeds(self, live: Indices, step: _Step, verdict: _Verdict) -> _Verdict:
         """Cut steps that pass through their own seed in their own direction: a closed line."""

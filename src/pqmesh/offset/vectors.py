@@ -9,10 +9,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order
 
 from pqmesh.errors import MeshError
+from pqmesh.linear import SymmetricPattern
 from pqmesh.mesh.measure import common_vectors, fitted_cones
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.mesh.topology import Stars
-from pqmesh.optimize.linear import SymmetricPattern
 from pqmesh.vectors import TINY, Floats, Indices, cross, dot, norm, unit
 
 # A loop of reflections that turns a vector by less than this closes.

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pqmesh.linear import SymmetricPattern
 from pqmesh.mesh.quadmesh import QuadMesh
-from pqmesh.optimize.linear import SymmetricPattern
 from pqmesh.optimize.problem import Goal, Problem
 from pqmesh.vectors import Floats, Indices
 

@@ -23,11 +23,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pqmesh.linear import Factor
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.optimize.assembly import Assembly, Part
 from pqmesh.optimize.ending import Best, Solution, Step, why_stuck
 from pqmesh.optimize.guard import Guard
-from pqmesh.optimize.linear import Factor
 from pqmesh.optimize.problem import Goal, Problem, Refreshing, gathered
 from pqmesh.vectors import Floats, Mask, norm
 

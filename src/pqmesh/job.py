@@ -24,6 +24,11 @@ from pqmesh.surface.reference import SurfaceReference
 from pqmesh.surface.umbilics import UmbilicReport, find_umbilics
 from pqmesh.vectors import Floats, norm
 
+# The network stops at as many lines in a family, but only after it has traced them.
+MOST_LINES = 4000
+# Sizes beyond this, or below its inverse, leave the range of doubles when squared twice.
+LARGEST_EXTENT = 1e50
+
 # Told the stage that begins and, while optimising, the last step.
 Progress = Callable[[str, Step | None], None]
 
@@ -194,17 +199,29 @@ def _check_edges(surface: Surface, spec: Spec, inside: Inside | None) -> None:
     jet = surface.jet(uv)
     area = cell * float(np.sqrt(np.maximum(np.linalg.det(first_form(jet)), 0.0)).sum())
     size = float(np.linalg.norm(np.ptp(jet.point, axis=0)))
+    if not 1 / LARGEST_EXTENT < size < LARGEST_EXTENT:
+        raise SpecError(
+            f"A roof must have an extent between {1 / LARGEST_EXTENT:g} and {LARGEST_EXTENT:g}; "
+            f"found {size:.4g}. Check the numbers of the surface, and its units."
+        )
     if max(spec.edges) >= size:
         raise SpecError(
             f"panels.edge must be shorter than the roof; found {max(spec.edges):g} for a roof of "
             f"extent {size:.4g}. Shorten it, and check the units."
         )
-    panels = area / (spec.edges[0] * spec.edges[1])
+    panels = area / spec.edges[0] / spec.edges[1]
     if panels > spec.most_panels:
         raise SpecError(
             f"A roof may have at most {spec.most_panels} panels; edges of {spec.edges[0]:g} and "
             f"{spec.edges[1]:g} on {area:.4g} square units make about {panels:.3g}. Lengthen the "
             f"edge, or raise run.most_panels."
+        )
+    lines = area**0.5 / min(spec.edges)
+    if lines > MOST_LINES:
+        raise SpecError(
+            f"A network may have at most {MOST_LINES} lines in a family; an edge of "
+            f"{min(spec.edges):g} on {area:.4g} square units needs about {lines:.3g}. Lengthen the "
+            f"edge, or split the roof."
         )
 
 
