@@ -456,7 +456,7 @@ def main() -> None:
 def _outcome() -> tuple[int, str]:
     """Exit code of the command, and the one line that a failure leaves."""
     try:
-        code = app(standalone_mode=False)
+        code = app(prog_name="pqmesh", standalone_mode=False)
     except KeyboardInterrupt:
         code = INTERRUPTED
     except (ValueError, MemoryError, ArithmeticError) as error:

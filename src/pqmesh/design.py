@@ -23,12 +23,13 @@ from pqmesh.surface.regular import check_regular, closes
 
 # Metres in a unit.
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "ft": 0.3048, "in": 0.0254}
-# A file beyond this is not a design or a control net; it would take minutes to parse.
-LARGEST_FILE = 16_000_000
+# Larger ones are no designs and no control nets, and would take minutes and gigabytes to parse.
+LARGEST_DESIGN, LARGEST_NET = 4_000_000, 8_000_000
 # Above this, squares and cubes of lengths leave the range of doubles.
 LARGEST_LENGTH = 1e100
-# The TOML reader needs time by the square of a dotted key's length.
-MOST_KEY_WORK = 10_000_000
+# The TOML reader needs time by the square of a dotted key's length, and a kilobyte for each
+# hundred digits of a number.
+MOST_KEY_WORK, MOST_DIGITS = 10_000_000, 1000
 
 _LENGTH = re.compile(r"\s*([-+0-9.eE]+)\s*([a-z]*)\s*")
 _ANGLE = re.compile(r"\s*([-+0-9.eE]+)\s*(°|deg|rad)?\s*")
@@ -204,8 +205,8 @@ class Design(_Part):
     @classmethod
     def read(cls, path: str | Path) -> tuple[dict[str, Any], Path]:
         """Tables of a design file, not checked yet, and the folder its files are sought in."""
-        text, name = _text(Path(path)), shown_path(Path(path).name)
-        _check_keys(text, name)
+        text, name = _text(Path(path), LARGEST_DESIGN), shown_path(Path(path).name)
+        _check_tokens(text, name)
         try:
             return tomllib.loads(text), Path(path).parent
         except (ValueError, RecursionError) as error:
@@ -362,7 +363,7 @@ def _net_file(path: Path) -> NetSpec:
             f"the control points, degrees, knots and weights, or give a formula."
         )
     try:
-        table = json.loads(_text(path))
+        table = json.loads(_text(path, LARGEST_NET))
     except (ValueError, RecursionError) as error:
         if isinstance(error, FormatError):
             raise
@@ -383,7 +384,7 @@ def _net_file(path: Path) -> NetSpec:
         raise SpecError(_first_message(error, name, NetSpec)) from None
 
 
-def _text(path: Path) -> str:
+def _text(path: Path, most_bytes: int) -> str:
     """A text file's content, or one clear refusal."""
     shown = shown_path(path)
     try:
@@ -393,9 +394,9 @@ def _text(path: Path) -> str:
         if not path.is_file():
             what = "a folder" if path.is_dir() else "a pipe or device"
             raise FormatError(f"{shown} must be a file; it is {what}. Name the file.")
-        if path.stat().st_size > LARGEST_FILE:
+        if path.stat().st_size > most_bytes:
             raise FormatError(
-                f"{shown} must be below {LARGEST_FILE // 1_000_000} MB; it is larger. Is it "
+                f"{shown} must be below {most_bytes // 1_000_000} MB; it is larger. Is it "
                 f"the right file?"
             )
         text = path.read_text(encoding="utf-8-sig")
@@ -414,11 +415,16 @@ def _text(path: Path) -> str:
     return text
 
 
-def _check_keys(text: str, name: str) -> None:
-    """Refuse dotted keys so long that the TOML reader would not come back."""
+def _check_tokens(text: str, name: str) -> None:
+    """Refuse keys and numbers so long that the TOML reader would not come back."""
     if sum(part.count(".") ** 2 for part in re.split(r"[=,{}\n]", text)) > MOST_KEY_WORK:
         raise SpecError(
             f"A design must have short keys; {name} has one with too many dots. Mend it."
+        )
+    if any(run.end() - run.start() > MOST_DIGITS for run in re.finditer(r"[0-9_]+", text)):
+        raise SpecError(
+            f"A design must have numbers of at most {MOST_DIGITS} digits; {name} has a longer one. "
+            f"Mend it."
         )
 
 
@@ -467,7 +473,7 @@ _COMPLAINTS = {
 
 def _first_message(error: ValidationError, where: str, model: type[BaseModel] = Design) -> str:
     """One line for the first thing that is wrong: where, what, and the nearest known key."""
-    found = error.errors()
+    found = error.errors(include_url=False)
     # A misspelt key tells more than the key that is missing because of it.
     extra = [row for row in found if row["type"] == "extra_forbidden"]
     first = (extra or found)[0]

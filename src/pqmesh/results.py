@@ -18,10 +18,10 @@ import numpy as np
 from pqmesh.errors import FormatError, PqmeshError
 from pqmesh.io.atomic import shown_path, write_all, write_bytes
 from pqmesh.io.obj import obj_from_mesh
+from pqmesh.job import Panelization
 from pqmesh.mesh.measure import conicality_defect, fitted_cones, planarity_deviation
 from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.offset.support import SupportStructure
-from pqmesh.job import Panelization
 
 # Files that an earlier run of the same command may have left and this one does not replace.
 _OURS = re.compile(r"layer-\d+(-panels)?\.obj|support(-panels)?\.obj|figures/[a-z-]+\.png")

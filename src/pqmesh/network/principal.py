@@ -11,7 +11,7 @@ from pqmesh.errors import NetworkError
 from pqmesh.network.crossings import Crossings, crossings
 from pqmesh.network.growth import Growth
 from pqmesh.network.lines import Lines
-from pqmesh.network.patch import sampled_patch
+from pqmesh.network.patch import Patch, sampled_patch
 from pqmesh.network.probe import probe_lines
 from pqmesh.network.trace import End, Limits
 from pqmesh.network.trace import Inside as Inside
@@ -23,7 +23,7 @@ from pqmesh.vectors import Floats
 _PROBE = (1 / 45, 1 / 14)
 # Local errors of a step in sizes of the region. The probe only measures; dense output of the
 # lines loses two digits against their steps, and 1e-8 is promised.
-_PROBE_TOLERANCE, _TOLERANCE = 1e-7, 1e-11
+_PROBE_TOLERANCE, _TOLERANCE = 1e-7, 5e-11
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,24 +93,29 @@ def trace_principal_network(
         raise NetworkError(f"Panel edges must be positive lengths; found {edge}. Give two.")
     patch = sampled_patch(surface, inside)
     # Lines of a family stand apart by the edge along the other family.
-    spacing = np.array([edge[1], edge[0]])
+    spacing = (float(edge[1]), float(edge[0]))
+    apart, coarse, fine = _limits(patch, spacing)
+    probe = probe_lines(patch, apart, coarse)
+    families = Growth(patch, spacing, fine, most_lines).grown(probe)
+    return CurveNetwork(surface, families, crossings(surface, *families))
+
+
+def _limits(patch: Patch, spacing: tuple[float, float]) -> tuple[Floats, Limits, Limits]:
+    """Distances of the probe's lines, and limits of tracing for the probe and for the network."""
     # Regions smaller than a panel need lines all around them.
-    reach = patch.size + 4.0 * float(spacing.max())
+    reach = patch.size + 4.0 * max(spacing)
     apart = np.clip(spacing, _PROBE[0] * reach, _PROBE[1] * reach)
     coarse = Limits(
         step=0.7 * float(apart.min()),
         length=4.0 * reach,
         tolerance=_PROBE_TOLERANCE * patch.size,
         turn=0.75 * float(apart.min()),
-        inside=inside,
+        inside=patch.inside,
         outside=reach - 0.5 * patch.size,
     )
     fine = coarse._replace(
-        step=min(0.5 * float(spacing.min()), 0.05 * reach),
+        step=min(0.5 * min(spacing), 0.05 * reach),
         tolerance=_TOLERANCE * patch.size,
-        turn=0.75 * float(spacing.min()),
+        turn=0.75 * min(spacing),
     )
-    probe = probe_lines(patch, apart, coarse)
-    growth = Growth(patch, (float(spacing[0]), float(spacing[1])), fine, most_lines)
-    families = growth.grown(probe)
-    return CurveNetwork(surface, families, crossings(surface, *families))
+    return apart, coarse, fine

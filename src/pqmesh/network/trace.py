@@ -273,7 +273,7 @@ class _Walker:
 
         A step over an umbilic ends on a line of the other kind, even where it clears the gap.
         """
-        good, _, stop, factor = verdict
+        good, theta, stop, factor = verdict
         before, after = self.heading.margin[live], step.last.margin
         changed = step.last.kind != self.heading.kind[live]
         lost = np.flatnonzero(good & (changed | (after <= 0)))
@@ -286,6 +286,7 @@ class _Walker:
         small = (before < 1e-3 * fall) & ~changed[lost]
         arrived = stuck & (small | (self.h[live[lost]] < 1e-6 * self.limits.step))
         stop[lost[arrived]] = End.UMBILIC
+        theta[lost[arrived]] = np.maximum(part[arrived], 1e-6)
         back = lost[stuck & ~arrived]
         good[back] = False
         factor[back] = np.clip(0.999 * part[stuck & ~arrived], 0.05, 0.95)
@@ -299,7 +300,7 @@ class _Walker:
         """
         place = dense[:, 0] + part[:, None] * dense[:, 1]
         reference = self.heading.direction[rows]
-        aside = 0.5 * self.h[rows, None]
+        aside = 0.5 * self.limits.step
         smooth = np.ones(len(rows), dtype=np.bool_)
         for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
             shift = a * self.heading.velocity[rows] + b * self.heading.across[rows]

@@ -1,0 +1,329 @@
+"""`optimize` and `check`: what they write and print, and what they refuse."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pqmesh.io.formats import read_quad_mesh, write_mesh
+from pqmesh.mesh.measure import measures, planarity
+from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.vectors import norm
+
+Command = Callable[..., Any]
+Refused = Callable[..., str]
+
+QUADS = [
+    [4 * i + j, 4 * i + 4 + j, 4 * i + 5 + j, 4 * i + 1 + j] for i in range(3) for j in range(3)
+]
+BAD_GROUP = {
+    "QuadMesh.off": "so the file looks 1-based",
+    "suzanne.ply": "Every face must be a quad; 32 of 500",
+    "faces_reversed.obj": "coherently oriented; faces 0 and 5",
+    "joined_tetrahedra.obj": "at most two faces; edge 0-1 has 4",
+}
+CHECK = (
+    "schema version input units tolerance mesh measures planar circular conical edge_offset "
+    "parallel_dimension parallel_gap offsets problems"
+)
+
+
+def grid(height: Callable[[float, float], float]) -> QuadMesh:
+    points = [[i, j, height(i, j)] for i in range(4) for j in range(4)]
+    return QuadMesh.of(np.array(points, dtype=np.float64), QUADS)
+
+
+@pytest.fixture
+def wavy(tmp_path: Path) -> Path:
+    """A small mesh whose faces are not flat."""
+    path = tmp_path / "wavy.obj"
+    write_mesh(grid(lambda x, y: 0.1 * x * x + 0.08 * y * y + 0.04 * x * y), path)
+    return path
+
+
+# --- bad meshes -----------------------------------------------------------------------------
+
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
+BAD_FILES = {
+    "empty.obj": ("", "it is empty"),
+    "cut.obj": (SQUARE[:-10], "found 4 and 0"),
+    "cut.off": ("OFF\n4 1", "the file ends there"),
+    "cut.ply": ("ply\nformat ascii 1.0\n", "end_header"),
+    "nan.obj": (SQUARE.replace("1 1 0", "1 1 nan"), "Line 3: a coordinate must be a finite"),
+    "huge.obj": (SQUARE.replace("1 1 0", "1 1 1e300"), "vertex 2 is [1.0, 1.0, 1e+300]"),
+    "large.obj": (SQUARE.replace("1 1 0", "1 1 1e120"), "between 1e-50 and 1e+50; found 1e+120"),
+    "small.obj": (SQUARE.replace("1", "1e-200").replace("f 1e-200", "f 1"), "found 1e-200"),
+    "point.obj": ("v 1 2 3\n" * 4 + "f 1 2 3 4\n", "between 1e-50 and 1e+50; found 0"),
+    "line.obj": ("v 0 0 0\nv 1 0 0\nv 2 0 0\nv 3 0 0\nf 1 2 3 4\n", "must have area"),
+    "unused.obj": ("v 5 5 5\n" + SQUARE, "belong to none, the first is vertex 4"),
+    "mesh.3dm": ("model", "must be one of .obj, .off, .ply; found '.3dm'"),
+    "mesh": ("model", "must be one of .obj, .off, .ply; found 'none'"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_FILES)
+def test_file_that_is_no_mesh_is_refused(tmp_path: Path, refused: Refused, name: str) -> None:
+    text, expected = BAD_FILES[name]
+    (tmp_path / name).write_text(text)
+    (tmp_path / "out.obj").write_text("an earlier result")
+    for arguments in (
+        ("check", name),
+        ("check", name, "--json"),
+        ("optimize", name, "-o", "out.obj"),
+    ):
+        line = refused(*arguments)
+        assert expected in line
+        assert name in line
+
+
+def test_bad_group_of_real_files_is_refused(refused: Refused, data_folder: Path) -> None:
+    for name, expected in BAD_GROUP.items():
+        assert expected in refused("check", data_folder / name)
+        assert expected in refused("check", data_folder / name, "--json")
+        assert expected in refused("optimize", data_folder / name, "-o", "out.obj")
+
+
+def test_missing_mesh_and_folder_are_refused(tmp_path: Path, refused: Refused) -> None:
+    (tmp_path / "folder.obj").mkdir()
+    assert "the file must exist" in refused("check", "none.obj")
+    assert "found a folder" in refused("check", "folder.obj")
+
+
+def test_edge_without_length_is_refused_by_optimize_only(
+    tmp_path: Path, refused: Refused, pqmesh: Command
+) -> None:
+    (tmp_path / "b.obj").write_text("v 0 0 0\nv 0 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
+    assert "edge 0-1 has none" in refused("optimize", "b.obj", "-o", "out.obj")
+    assert pqmesh("check", "b.obj").code == 0
+
+
+OPTIONS = {
+    ("--tolerance", "nan"): "--tolerance must be a number above 0; found nan",
+    ("--tolerance", "inf"): "--tolerance must be a number above 0; found inf",
+    ("--tolerance", "0"): "--tolerance must be a number above 0",
+    ("--tolerance", "x"): "'--tolerance'",
+    ("--within", "nan"): "--within must be a number above 0",
+    ("--within", "-1"): "--within must be a number above 0; found -1",
+    ("--kind", "conic"): "'conic' is not one of",
+    ("--boundary", "x"): "'x' is not one of",
+    ("--reference", "none.obj"): "none.obj: the file must exist",
+    ("--reference", "none.toml"): "none.toml must exist",
+    ("--reference", "bad.toml"): "did you mean 'torus'?",
+    ("--reference", "model.3dm"): "found '.3dm'",
+    ("--report", "report.txt"): "must be one of .json; found '.txt'",
+    ("--report", "none/report.json"): "the folder of the output must exist",
+    ("--report", "bad.toml/report.json"): "the folder of the output must exist",
+}
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=" ".join)
+def test_option_without_sense_is_refused(
+    tmp_path: Path, wavy: Path, refused: Refused, options: tuple[str, ...]
+) -> None:
+    (tmp_path / "bad.toml").write_text('[surface]\nshape = {kind = "torsu"}\n')
+    (tmp_path / "model.3dm").write_text("model")
+    (tmp_path / "out.obj").write_text("an earlier result")
+    assert OPTIONS[options] in refused("optimize", wavy, "-o", "out.obj", *options)
+
+
+@pytest.mark.parametrize(
+    ("output", "expected"),
+    [
+        ("out.stl", "must be one of .obj, .off, .ply; found '.stl'"),
+        ("out", "found 'none'"),
+        ("folder.obj", "it is a folder"),
+        ("none/out.obj", "the folder of the output must exist"),
+        ("wavy.obj/out.obj", "the folder of the output must exist"),
+    ],
+)
+def test_output_that_cannot_be_written_is_refused_before_the_work(
+    tmp_path: Path,
+    wavy: Path,
+    refused: Refused,
+    monkeypatch: pytest.MonkeyPatch,
+    output: str,
+    expected: str,
+) -> None:
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("the work began")
+
+    monkeypatch.setattr("pqmesh.optimize.schedule.optimized", never)
+    (tmp_path / "folder.obj").mkdir()
+    assert expected in refused("optimize", wavy, "-o", output)
+
+
+def test_missing_output_is_one_line(refused: Refused, wavy: Path) -> None:
+    assert "'-o'" in refused("optimize", wavy)
+
+
+# --- optimize -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["planar", "conical", "circular"])
+def test_optimize_writes_a_mesh_of_the_kind_and_a_report_of_it(
+    pqmesh: Command, tmp_path: Path, wavy: Path, kind: str
+) -> None:
+    result = pqmesh("optimize", wavy, "-o", "out.ply", "--kind", kind, "--report", "out.json")
+    assert result.code == 0, result.err
+    report = json.loads((tmp_path / "out.json").read_text())
+    keys = "schema version units kind input mesh before after deviation solver tolerance"
+    assert set(keys.split()) <= set(report)
+    assert (report["kind"], report["input"]) == (kind, "wavy.obj")
+    start, moved = read_quad_mesh(wavy), read_quad_mesh(tmp_path / "out.ply")
+    for mesh, part in ((start, report["before"]), (moved, report["after"])):
+        for key, value in measures(mesh).items():
+            assert value is not None
+            assert part[key] == pytest.approx(value, rel=1e-9, abs=1e-12), key
+    assert report["before"]["planarity_max"] > 1e-3
+    assert report["after"]["planarity_max"] < 1e-9
+    step = float(norm(moved.vertices - start.vertices).max())
+    assert report["deviation"]["moved_max"] == pytest.approx(step)
+    judged = ["planar"] if kind == "planar" else ["planar", kind]
+    assert [row["key"] for row in report["tolerance"]] == judged
+    assert all(row["pass"] for row in report["tolerance"])
+
+
+@pytest.mark.parametrize("boundary", ["fixed", "glide"])
+def test_boundary_stays_as_asked(
+    pqmesh: Command, tmp_path: Path, wavy: Path, boundary: str
+) -> None:
+    result = pqmesh("optimize", wavy, "-o", "out.obj", "--boundary", boundary)
+    assert result.code in (0, 3)
+    start, moved = read_quad_mesh(wavy), read_quad_mesh(tmp_path / "out.obj")
+    rim = start.topology.is_boundary_vertex
+    if boundary == "fixed":
+        assert (moved.vertices[rim] == start.vertices[rim]).all()
+        # Four free vertices cannot make nine faces flat and themselves conical.
+        assert result.code == 3
+        assert "not reached: planar" in result.err
+
+
+def test_reference_may_be_a_mesh_or_a_design(pqmesh: Command, tmp_path: Path, wavy: Path) -> None:
+    surface = 'graph = {z = "0.1*x**2 + 0.08*y**2 + 0.04*x*y", x = [-1, 4], y = [-1, 4]}'
+    (tmp_path / "surface.toml").write_text(f"[surface]\n{surface}\n")
+    rms = {}
+    for reference in ("surface.toml", "wavy.obj"):
+        options = ["--reference", reference, "--report", "out.json", "--kind", "planar"]
+        assert pqmesh("optimize", wavy, "-o", "out.obj", *options).code == 0
+        rms[reference] = json.loads((tmp_path / "out.json").read_text())["deviation"]["rms"]
+    assert 0 <= rms["surface.toml"] < 0.5
+    assert 0 <= rms["wavy.obj"] < 0.5
+
+
+def test_within_out_of_reach_is_code_3_with_the_files_there(
+    pqmesh: Command, tmp_path: Path, wavy: Path
+) -> None:
+    options = ["--within", "1e-12", "--report", "out.json"]
+    result = pqmesh("optimize", wavy, "-o", "out.obj", *options)
+    assert result.code == 3
+    assert "not reached: deviation" in result.err
+    report = json.loads((tmp_path / "out.json").read_text())
+    assert [row["pass"] for row in report["tolerance"]] == [True, True, False]
+    read_quad_mesh(tmp_path / "out.obj")
+
+
+def test_same_optimisation_gives_the_same_bytes(
+    pqmesh: Command, tmp_path: Path, wavy: Path
+) -> None:
+    for name in ("one", "two"):
+        pqmesh("optimize", wavy, "-o", f"{name}.obj", "--report", f"{name}.json")
+    assert (tmp_path / "one.obj").read_bytes() == (tmp_path / "two.obj").read_bytes()
+    assert (tmp_path / "one.json").read_bytes() == (tmp_path / "two.json").read_bytes()
+
+
+def test_output_may_replace_the_input(pqmesh: Command, wavy: Path) -> None:
+    before = read_quad_mesh(wavy)
+    assert pqmesh("optimize", wavy, "-o", wavy, "--kind", "planar").code == 0
+    after = read_quad_mesh(wavy)
+    assert (after.faces == before.faces).all()
+    assert measures(after)["planarity_max"] < 1e-9
+
+
+@pytest.mark.parametrize("name", ["hypar.obj", "tubemesh.obj"])
+def test_real_mesh_ends_in_code_0_or_in_3_with_the_reason(
+    pqmesh: Command, tmp_path: Path, data_folder: Path, name: str
+) -> None:
+    result = pqmesh("optimize", data_folder / name, "-o", "out.obj", "--report", "out.json")
+    report = json.loads((tmp_path / "out.json").read_text())
+    missed = [row["key"] for row in report["tolerance"] if row["pass"] is False]
+    assert result.code == (3 if missed else 0)
+    assert report["solver"]["converged"] is not bool(missed)
+    assert report["solver"]["reason"] in result.err
+    assert all(f"not reached: {key} " in result.err for key in missed)
+    for count in ("nonconvex_faces", "flipped_faces"):
+        assert report["after"][count] <= report["before"][count]
+
+
+# --- check ----------------------------------------------------------------------------------
+
+
+def checked(pqmesh: Command, path: Path, *options: str) -> dict[str, Any]:
+    result = pqmesh("check", path, "--json", *options)
+    assert (result.code, result.err) == (0, "")
+    found: dict[str, Any] = json.loads(result.out)
+    assert set(CHECK.split()) == set(found)
+    assert set(found["offsets"]) == {"vertex", "edge", "face"}
+    for offset in filter(None, found["offsets"].values()):
+        assert set(offset) == {"exists", "family_dimension", "error"}
+    for problem in found["problems"]:
+        assert {"kind", "where", "text"} <= set(problem)
+    return found
+
+
+def test_check_prints_the_keys_of_the_contract(pqmesh: Command, wavy: Path) -> None:
+    found = checked(pqmesh, wavy)
+    assert [found[kind] for kind in ("planar", "circular", "conical")] == [False] * 3
+    assert found["tolerance"] == 1e-6
+    assert found["mesh"]["faces"] == 9
+    assert {row["kind"] for row in found["problems"]} >= {"bent_faces"}
+    text = pqmesh("check", wavy)
+    assert text.code == 0
+    assert "wavy.obj: 16 vertices, 9 quads" in text.out
+    assert "planar    no" in text.out
+
+
+def test_flat_grid_is_everything(pqmesh: Command, tmp_path: Path) -> None:
+    write_mesh(grid(lambda x, y: 0.0), tmp_path / "flat.off")
+    found = checked(pqmesh, tmp_path / "flat.off")
+    assert found["planar"]
+    assert found["circular"]
+    assert found["conical"]
+
+
+def test_single_quad_has_no_vertex_measures(pqmesh: Command, tmp_path: Path) -> None:
+    (tmp_path / "square.obj").write_text(SQUARE)
+    found = checked(pqmesh, tmp_path / "square.obj")
+    assert found["measures"]["cone_spread_max"] is None
+    assert found["measures"]["conicality_max_deg"] is None
+    assert found["offsets"]["face"]["error"] is None
+
+
+def test_conical_real_mesh_is_conical_to_1e_3_only(pqmesh: Command, data_folder: Path) -> None:
+    for tolerance, verdict in (("1e-3", True), ("1e-6", False)):
+        found = checked(pqmesh, data_folder / "conical1.obj", "--tolerance", tolerance)
+        assert found["planar"] is verdict
+        assert found["conical"] is verdict
+
+
+def test_circular_real_mesh_has_the_figures_of_its_index(
+    pqmesh: Command, data_folder: Path
+) -> None:
+    path = data_folder / "formfinding-circular.off"
+    found = checked(pqmesh, path, "--tolerance", "1e-3")
+    # The index: planarity by the mean edge of the quad 7.01e-5, of the mesh 3.38e-5 (edge 0.527),
+    # opposite angles off by 35 degrees at worst, half of the alternating sum.
+    mesh = read_quad_mesh(path)
+    assert found["measures"]["planarity_max_length"] == pytest.approx(3.38e-5 * 0.527, rel=0.01)
+    sides = norm(mesh.corners - np.roll(mesh.corners, -1, axis=1)).mean(axis=1)
+    diagonals = norm(mesh.corners[:, :2] - mesh.corners[:, 2:]).mean(axis=1)
+    share = planarity(mesh) * diagonals / sides
+    assert share.max() == pytest.approx(7.01e-5, rel=0.01)
+    assert found["measures"]["planarity_max"] == pytest.approx(planarity(mesh).max(), rel=1e-12)
+    assert found["measures"]["circularity_max_deg"] / 2 == pytest.approx(35.0, rel=0.02)
+    assert found["planar"]
+    assert not found["circular"]
+    rings = [row for row in found["problems"] if row["kind"] == "uncircular_faces"]
+    assert len(rings[0]["where"]) == 12
