@@ -380,13 +380,11 @@ HARD = [
         "waves shorter than the edge",
         'graph = {z = "x*y*exp(-9*x*x)*sin(40*y)", x = [-1, 1], y = [-1, 1]}',
         0.3,
-        marks=pytest.mark.xfail(run=False, reason="the network grows for minutes"),
     ),
     pytest.param(
         "folded net",
         f"net = {{points = {NET}, periodic = [true, false]}}",
         0.6,
-        marks=pytest.mark.xfail(run=False, reason="lines are traced for minutes along the fold"),
     ),
 ]
 

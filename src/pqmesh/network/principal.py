@@ -9,6 +9,7 @@ import numpy as np
 
 from pqmesh.errors import NetworkError
 from pqmesh.network.crossings import Crossings, crossings
+from pqmesh.network.fields import CrossField
 from pqmesh.network.growth import Growth
 from pqmesh.network.lines import Lines
 from pqmesh.network.patch import Patch, sampled_patch
@@ -21,6 +22,8 @@ from pqmesh.vectors import Floats
 # The probe's lines stand as far apart as the wanted ones, but neither so far that they miss how
 # the spacing varies over the region, nor so near that tracing them costs more than the network.
 _PROBE = (1 / 45, 1 / 14)
+# Probe lines that need steps shorter than this share of what they may take wave within a panel.
+LEAST_STEP = 0.12
 # Local errors of a step in sizes of the region. The probe only measures; dense output of the
 # lines loses two digits against their steps, and 1e-8 is promised.
 _PROBE_TOLERANCE, _TOLERANCE = 1e-7, 5e-11
@@ -89,13 +92,42 @@ def trace_principal_network(
 
     References: [thesis] section 6.2; errata page, E33 and E37.
     """
+    return trace_network(surface, edge, None, inside, most_lines=most_lines)
+
+
+def trace_network(
+    surface: Surface,
+    edge: tuple[float, float],
+    field: CrossField | None,
+    inside: Inside | None = None,
+    *,
+    most_lines: int = 4000,
+) -> CurveNetwork:
+    """Network along any pair of directions, spaced as `trace_principal_network` does.
+
+    Parameters
+    ----------
+    surface : Surface
+    edge : (float, float), model unit
+        Wanted panel edge along family 0 and along family 1.
+    field : CrossField or None
+        The pair of directions; None for the principal ones.
+    inside : callable, optional
+    most_lines : int
+
+    Raises
+    ------
+    NetworkError
+        As `trace_principal_network`, and when the two directions nearly fall together.
+    """
     if not (np.isfinite(edge).all() and min(edge) > 0):
         raise NetworkError(f"Panel edges must be positive lengths; found {edge}. Give two.")
-    patch = sampled_patch(surface, inside)
+    patch = sampled_patch(surface, inside, field)
     # Lines of a family stand apart by the edge along the other family.
     spacing = (float(edge[1]), float(edge[0]))
     apart, coarse, fine = _limits(patch, spacing)
     probe = probe_lines(patch, apart, coarse)
+    _check_smooth(probe, coarse, spacing)
     families = Growth(patch, spacing, fine, most_lines).grown(probe)
     return CurveNetwork(surface, families, crossings(surface, *families))
 
@@ -119,3 +151,14 @@ def _limits(patch: Patch, spacing: tuple[float, float]) -> tuple[Floats, Limits,
         turn=0.75 * min(spacing),
     )
     return apart, coarse, fine
+
+
+def _check_smooth(probe: tuple[Lines, Lines], limits: Limits, spacing: tuple[float, float]) -> None:
+    """Refuse a surface that waves within a panel: its lines have no panels to bound."""
+    lengths = np.concatenate([lines.length for lines in probe])
+    if len(lengths) and np.median(lengths) < LEAST_STEP * limits.step:
+        raise NetworkError(
+            f"The surface must be smooth at the size of a panel; its lines turn so quickly that "
+            f"they can be followed only by steps of about {np.median(lengths):.3g}, for edges of "
+            f"{min(spacing):.3g}. Shorten the edge, or smooth the surface."
+        )
