@@ -9,7 +9,6 @@ import numpy as np
 
 from pqmesh.errors import NetworkError
 from pqmesh.network.crossings import Crossings, crossings
-from pqmesh.network.fields import CrossField
 from pqmesh.network.growth import Growth
 from pqmesh.network.lines import Lines
 from pqmesh.network.patch import Patch, sampled_patch
@@ -92,37 +91,9 @@ def trace_principal_network(
 
     References: [thesis] section 6.2; errata page, E33 and E37.
     """
-    return trace_network(surface, edge, None, inside, most_lines=most_lines)
-
-
-def trace_network(
-    surface: Surface,
-    edge: tuple[float, float],
-    field: CrossField | None,
-    inside: Inside | None = None,
-    *,
-    most_lines: int = 4000,
-) -> CurveNetwork:
-    """Network along any pair of directions, spaced as `trace_principal_network` does.
-
-    Parameters
-    ----------
-    surface : Surface
-    edge : (float, float), model unit
-        Wanted panel edge along family 0 and along family 1.
-    field : CrossField or None
-        The pair of directions; None for the principal ones.
-    inside : callable, optional
-    most_lines : int
-
-    Raises
-    ------
-    NetworkError
-        As `trace_principal_network`, and when the two directions nearly fall together.
-    """
     if not (np.isfinite(edge).all() and min(edge) > 0):
         raise NetworkError(f"Panel edges must be positive lengths; found {edge}. Give two.")
-    patch = sampled_patch(surface, inside, field)
+    patch = sampled_patch(surface, inside)
     # Lines of a family stand apart by the edge along the other family.
     spacing = (float(edge[1]), float(edge[0]))
     apart, coarse, fine = _limits(patch, spacing)
