@@ -9,6 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pqmesh.errors import SpecError
+from pqmesh.fabricate.edgebeams import EdgeBeam, edge_beams
+from pqmesh.fabricate.trim import TrimmedPanels, TrimmedWebs, trimmed_panels, trimmed_webs
+from pqmesh.fabricate.walls import outline_walls
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.network.meshing import NetworkMesh, quads_from_network
 from pqmesh.network.principal import CurveNetwork, Inside, trace_principal_network
@@ -22,7 +25,7 @@ from pqmesh.surface.base import Surface
 from pqmesh.surface.curvature import first_form
 from pqmesh.surface.reference import SurfaceReference
 from pqmesh.surface.umbilics import UmbilicReport, find_umbilics
-from pqmesh.vectors import Floats, norm
+from pqmesh.vectors import Floats, cross, norm, unit
 
 # The network stops at as many lines in a family, but only after it has traced them.
 MOST_LINES = 4000
@@ -63,6 +66,16 @@ class Spec:
 
 
 @dataclass(frozen=True, eq=False)
+class TrimmedRoof:
+    """The roof cut by the vertical prism over its outline: mesh, layers, webs, edge beams."""
+
+    panels: TrimmedPanels
+    layers: tuple[TrimmedPanels, ...]
+    webs: TrimmedWebs | None
+    beams: tuple[EdgeBeam, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Panelization:
     """One field a stage; later stages never write into earlier ones.
 
@@ -90,6 +103,7 @@ class Panelization:
     vectors: OffsetVectors
     layers: tuple[Layer, ...]
     support: SupportStructure | None
+    trimmed: TrimmedRoof | None
     seconds: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -132,6 +146,10 @@ def panelize(
     clock = _Clock()
     inside = outline.on(surface) if outline is not None else None
     _check_edges(surface, spec, inside)
+    if outline is not None:
+        # A crooked outline is refused now, not after the work.
+        outline_walls(outline)
+        inside = outline.on(surface, _overhang(surface, spec, inside))
     tell("network", None)
     umbilics = find_umbilics(surface, inside)
     network = trace_principal_network(surface, spec.edges, inside)
@@ -154,6 +172,11 @@ def panelize(
     layers = tuple(offset_layer(mesh, vectors, distance) for distance in spec.distances)
     support = _support(mesh, vectors, spec.distances)
     clock.lap("offset")
+    trimmed = None
+    if outline is not None:
+        tell("trim", None)
+        trimmed = _trimmed(mesh, layers, support, vectors, outline, min(spec.edges))
+    clock.lap("fabricate")
     return Panelization(
         surface,
         spec,
@@ -168,6 +191,7 @@ def panelize(
         vectors,
         layers,
         support,
+        trimmed,
         clock.seconds,
     )
 
@@ -236,6 +260,34 @@ def _oriented(mesh: QuadMesh, *, flip: bool) -> tuple[QuadMesh, str]:
         f"normals {side}" if clear else "normals as the surface's" + (", turned" if flip else "")
     )
     return (mesh.reversed() if reverse else mesh), words
+
+
+def _overhang(surface: Surface, spec: Spec, inside: Inside | None) -> float:
+    """Plan distance by which the mesh must reach over the outline for its layers to do so too."""
+    uv = surface.domain.grid(40, 40).reshape(-1, 2)
+    uv = uv if inside is None else uv[inside(uv)]
+    jet = surface.jet(uv)
+    normal = unit(cross(jet.du, jet.dv))
+    aside = float(norm(normal[:, :2]).max(initial=0.0))
+    return 1.1 * aside * max((abs(d) for d in spec.distances), default=0.0)
+
+
+def _trimmed(
+    mesh: QuadMesh,
+    layers: tuple[Layer, ...],
+    support: SupportStructure | None,
+    vectors: OffsetVectors,
+    outline: PlanOutline,
+    edge: float,
+) -> TrimmedRoof:
+    """Everything cut by the prism over the outline."""
+    panels = trimmed_panels(mesh, outline, edge)
+    return TrimmedRoof(
+        panels,
+        tuple(trimmed_panels(layer.mesh, outline, edge) for layer in layers),
+        trimmed_webs(support, outline) if support is not None else None,
+        tuple(edge_beams(panels, mesh, vectors.axes)),
+    )
 
 
 def _support(

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import pqmesh
+from pqmesh.fabricate.trim import TrimmedPanels
 from pqmesh.job import Panelization
 from pqmesh.mesh.measure import (
     circularity_defect,
@@ -18,6 +19,7 @@ from pqmesh.mesh.measure import (
     nonconvex_faces,
     planarity,
     planarity_deviation,
+    plane_deviation,
 )
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.network.principal import Inside
@@ -64,12 +66,7 @@ def panelization_report(
         "network": _network(result),
         "layers": [_layer(layer) for layer in result.layers],
         "support": _support(result.support),
-        "panels": {
-            "count": mesh.topology.n_faces,
-            "trimmed": 0,
-            "slivers": 0,
-            "area_total": float(norm(mesh.face_area_vectors).sum()),
-        },
+        "panels": _panels(result),
         "solver": solver_report(result.solution),
         "warnings": _warnings(result),
     }
@@ -277,6 +274,37 @@ def _support(support: SupportStructure | None) -> dict[str, Any] | None:
     }
 
 
+def _panels(result: Panelization) -> dict[str, Any]:
+    """Panels as they are made: cut where there is an outline."""
+    cut = result.trimmed
+    if cut is None:
+        return {
+            "count": result.mesh.topology.n_faces,
+            "trimmed": 0,
+            "slivers": 0,
+            "area_total": float(norm(result.mesh.face_area_vectors).sum()),
+            "planarity_max_length": None,
+            "covered_share": None,
+            "layers": [],
+        }
+    return {
+        **_cut_panels(cut.panels),
+        "layers": [_cut_panels(layer) for layer in cut.layers],
+    }
+
+
+def _cut_panels(panels: TrimmedPanels) -> dict[str, Any]:
+    """Figures of one cut layer; flatness is the distance from the plane through each polygon."""
+    return {
+        "count": len(panels.polygons),
+        "trimmed": int(panels.is_trimmed.sum()),
+        "slivers": len(panels.slivers),
+        "area_total": float(panels.area.sum()),
+        "planarity_max_length": max(plane_deviation(polygon) for polygon in panels.polygons),
+        "covered_share": panels.covered_share,
+    }
+
+
 def _network(result: Panelization) -> dict[str, Any]:
     inside = None if result.outline is None else result.outline.on(result.surface)
     found = result.umbilics
@@ -318,8 +346,19 @@ def _warnings(result: Panelization) -> list[str]:
             f"{result.network_mesh.separate} panels hang together with the rest by no edge and "
             f"were left out"
         )
-    if result.outline is not None:
-        found.append("the panels reach over the outline as whole panels; they are not cut yet")
+    if result.trimmed is not None:
+        panels = result.trimmed.panels
+        if len(panels.slivers):
+            place = ", ".join(f"{x:.4g}" for x in panels.sliver_places[0])
+            found.append(
+                f"{len(panels.slivers)} cut panels are slivers (small, or with a short side) and "
+                f"have no neighbour in their plane to merge with; the first at ({place})"
+            )
+        if panels.covered_share < 1.0 - 1e-6:
+            found.append(
+                f"the panels cover {100 * panels.covered_share:.4g} % of the outline: the surface "
+                f"or its network does not reach over the rest"
+            )
     for layer in result.layers:
         bound = layer.first_reversed_edge_distance
         if bound is not None and abs(layer.distance) >= abs(bound):

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from pqmesh.errors import FormatError, PqmeshError
+from pqmesh.fabricate.panels import obj_from_polygons
 from pqmesh.io.atomic import shown_path, write_all, write_bytes
 from pqmesh.io.obj import obj_from_mesh
 from pqmesh.job import Panelization
 from pqmesh.mesh.measure import conicality_defect, fitted_cones, planarity_deviation
-from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.offset.support import SupportStructure
 
 # Files that an earlier run of the same command may have left and this one does not replace.
@@ -28,15 +28,25 @@ _OURS = re.compile(r"layer-\d+(-panels)?\.obj|support(-panels)?\.obj|figures/[a-
 
 
 def panelization_files(result: Panelization) -> dict[str, bytes]:
-    """Mesh files of a roof by name; panels are whole until they are trimmed."""
-    meshes: dict[str, PolyMesh] = {"mesh.obj": result.mesh, "panels.obj": result.mesh}
+    """Mesh files of a roof by name: whole, and cut by the outline where there is one."""
+    files = {"mesh.obj": obj_from_mesh(result.mesh)}
     for number, layer in enumerate(result.layers, start=1):
-        meshes[f"layer-{number}.obj"] = layer.mesh
-        meshes[f"layer-{number}-panels.obj"] = layer.mesh
-    files = {name: obj_from_mesh(mesh) for name, mesh in meshes.items()}
+        files[f"layer-{number}.obj"] = obj_from_mesh(layer.mesh)
     if result.support is not None:
         files["support.obj"] = _quads_obj(result.support)
-        files["support-panels.obj"] = files["support.obj"]
+    cut = result.trimmed
+    if cut is None:
+        # Without an outline the panels are whole.
+        stems = [name.removesuffix(".obj") for name in files]
+        for stem in stems:
+            panels = "panels.obj" if stem == "mesh" else f"{stem}-panels.obj"
+            files[panels] = files[f"{stem}.obj"]
+        return files
+    files["panels.obj"] = obj_from_polygons(cut.panels.polygons)
+    for number, trimmed in enumerate(cut.layers, start=1):
+        files[f"layer-{number}-panels.obj"] = obj_from_polygons(trimmed.polygons)
+    if cut.webs is not None:
+        files["support-panels.obj"] = obj_from_polygons(cut.webs.polygons, "webs")
     return files
 
 
@@ -232,7 +242,7 @@ def write_panelization(
             "network": seconds["network"],
             "optimize": seconds["optimize"],
             "offset": seconds["offset"],
-            "fabricate": 0.0,
+            "fabricate": seconds["fabricate"],
             "write": time.perf_counter() - clock,
             "total": began + sum(seconds.values()) + time.perf_counter() - clock,
         }

@@ -38,7 +38,7 @@ def measured(surface, edge):
 
     def inside(uv):
         point = surface.jet(uv).point
-        return (np.abs(point[:, 0]) < 12) & (np.abs(point[:, 1]) < 10)
+        return (np.abs(point[:, 0]) < 9) & (np.abs(point[:, 1]) < 8)
 
     network = trace_principal_network(surface, (edge, edge), inside)
     result = quads_from_network(network, inside)
@@ -50,8 +50,8 @@ def measured(surface, edge):
     straight = np.linalg.norm(turn, axis=1) > 1e-3 * np.linalg.norm(chord, axis=1)
     lean = angle(chord[straight], turn[straight])
     center = mesh.vertices[mesh.faces].mean(axis=1)
-    face = (np.abs(center[:, 0]) < 11) & (np.abs(center[:, 1]) < 9)
-    node = (np.abs(mesh.vertices[vertices, :2]) < [11, 9]).all(axis=1)
+    face = (np.abs(center[:, 0]) < 8) & (np.abs(center[:, 1]) < 7)
+    node = (np.abs(mesh.vertices[vertices, :2]) < [8, 7]).all(axis=1)
     return {
         "diagonals": rms(planarity_deviation(mesh)[face]),
         "planarity": rms(planarity(mesh)[face]),

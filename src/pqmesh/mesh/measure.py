@@ -166,6 +166,13 @@ def circle_deviation(mesh: QuadMesh) -> Floats:
     return np.asarray((sides - diagonals) / np.where(diagonals > TINY, diagonals, 1.0))
 
 
+def plane_deviation(polygon: Floats) -> float:
+    """Largest distance of a polygon's corners (k, 3) from their best plane, model unit."""
+    centred = polygon - polygon.mean(axis=0)
+    normal = np.linalg.svd(centred, full_matrices=False)[2][-1]
+    return float(np.abs(centred @ normal).max())
+
+
 # --- vertices -------------------------------------------------------------------------------
 
 

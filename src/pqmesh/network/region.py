@@ -9,7 +9,7 @@ import numpy as np
 from pqmesh.errors import SpecError
 from pqmesh.network.principal import Inside
 from pqmesh.surface.base import Surface
-from pqmesh.vectors import Floats, Mask, read_only
+from pqmesh.vectors import TINY, Floats, Mask, read_only
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +69,24 @@ class PlanOutline:
                 inside ^= crosses & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
         return inside
 
-    def on(self, surface: Surface) -> Inside:
-        """The predicate over parameters that the network asks for."""
-        return lambda uv: self.contains(surface.jet(uv).point)
+    def near(self, points: Floats, reach: float) -> Mask:
+        """Truth for points (N, 2) or (N, 3) inside, or within a plan distance of a ring."""
+        close = self.contains(points)
+        open_rows = np.flatnonzero(~close)
+        plan = points[open_rows, :2]
+        for ring in self.rings:
+            for start, end in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+                along = end - start
+                share = np.clip((plan - start) @ along / max(float(along @ along), TINY), 0.0, 1.0)
+                gap = plan - start - share[:, None] * along
+                close[open_rows] |= np.hypot(gap[:, 0], gap[:, 1]) <= reach
+        return close
+
+    def on(self, surface: Surface, reach: float = 0.0) -> Inside:
+        """The predicate over parameters that the network asks for, wider by a plan distance."""
+        if reach == 0.0:
+            return lambda uv: self.contains(surface.jet(uv).point)
+        return lambda uv: self.near(surface.jet(uv).point, reach)
 
 
 def _ring(points: Floats, name: str) -> Floats:
