@@ -49,7 +49,8 @@ def curvature_grid(n: int) -> tuple[QuadMesh, SurfaceReference]:
 def main(largest: int) -> None:
     """Print the table."""
     print(
-        f"{'faces':>7} {'conical s':>10} {'steps':>6} {'planarity':>10} {'balance rad':>12} {'offset s':>9}"
+        f"{'faces':>7} {'conical s':>10} {'steps':>6} {'planarity':>10} "
+        f"{'balance rad':>12} {'offset s':>9}"
     )
     for n in [size for size in SIZES if size <= largest]:
         mesh, reference = curvature_grid(n)

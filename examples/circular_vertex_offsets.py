@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 import pqmesh
+from pqmesh.job import Spec, panelize
 from pqmesh.mesh.measure import circle_deviation, circularity_defect, planarity_deviation
 from pqmesh.offset.offsets import face_distance, vertex_distance
-from pqmesh.job import Spec, panelize
 
 
 def main(picture: str | None = None) -> dict[str, float]:

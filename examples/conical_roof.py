@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 import pqmesh
-from pqmesh.mesh.measure import fitted_cones, planarity_deviation
 from pqmesh.job import Spec, panelize
+from pqmesh.mesh.measure import fitted_cones, planarity_deviation
 from pqmesh.report import deviation
 from pqmesh.surface.reference import SurfaceReference
 

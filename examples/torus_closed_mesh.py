@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 import pqmesh
+from pqmesh.job import Spec, panelize
 from pqmesh.mesh.measure import fitted_cones, planarity_deviation
 from pqmesh.offset.offsets import valid_range
-from pqmesh.job import Spec, panelize
 
 
 def main(picture: str | None = None) -> dict[str, float]:

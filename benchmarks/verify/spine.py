@@ -398,7 +398,7 @@ def _term(name: str, mesh: QuadMesh, surface_mesh: QuadMesh):
 
 def _in_millimetres() -> list[Row]:
     """The roof in millimetres gives the roof in metres times 1000."""
-    folder, report, _ = roof_runs()
+    folder, _, _ = roof_runs()
     table = json.loads((ROOF.parent / "net.json").read_text(encoding="utf-8"))
     table["points"] = (1000 * np.array(table["points"])).tolist()
     with tempfile.TemporaryDirectory(prefix="pqmesh-mm-") as name:
@@ -489,7 +489,8 @@ def real_data() -> list[Row]:
                     f"{file}: flat to 1e-9, or code 3 with the reason",
                     "either",
                     f"code {done.code}, planarity {after['planarity_max']:.1e}, moved "
-                    f"{report['deviation']['moved_max'] / after['edge_mean']:.2f} edges; {report['solver']['reason']}",
+                    f"{report['deviation']['moved_max'] / after['edge_mean']:.2f} edges; "
+                    f"{report['solver']['reason']}",
                     flat or told,
                 ),
             ]

@@ -13,23 +13,20 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from pqmesh.design_text import check_tokens, parse_reason, text_of
+from pqmesh.design_words import LENGTH_HINT, LENGTH_WORDS, UNITS, first_message, shown
 from pqmesh.errors import FormatError, SpecError
 from pqmesh.io.atomic import shown_path
 from pqmesh.network.region import PlanOutline
 from pqmesh.surface.base import Domain, Surface
 from pqmesh.surface.bspline import BSplineSurface
-from pqmesh.surface.formula import FormulaSurface, graph_surface, nearest_name
+from pqmesh.surface.formula import FormulaSurface, graph_surface
 from pqmesh.surface.regular import check_regular, closes
 
-# Metres in a unit.
-UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "ft": 0.3048, "in": 0.0254}
 # Larger ones are no designs and no control nets, and would take minutes and gigabytes to parse.
 LARGEST_DESIGN, LARGEST_NET = 4_000_000, 8_000_000
 # Above this, squares and cubes of lengths leave the range of doubles.
 LARGEST_LENGTH = 1e100
-# The TOML reader needs time by the square of a dotted key's length, and a kilobyte for each
-# hundred digits of a number.
-MOST_KEY_WORK, MOST_DIGITS = 10_000_000, 1000
 
 _LENGTH = re.compile(r"\s*([-+0-9.eE]+)\s*([a-z]*)\s*")
 _ANGLE = re.compile(r"\s*([-+0-9.eE]+)\s*(°|deg|rad)?\s*")
@@ -195,7 +192,7 @@ class Design(_Part):
         try:
             design = cls.model_validate(table)
         except ValidationError as error:
-            raise SpecError(_first_message(error, where)) from None
+            raise SpecError(first_message(error, where, cls)) from None
         try:
             _ = design.edges, design.distances, design.tolerances
         except SpecError as error:
@@ -205,13 +202,14 @@ class Design(_Part):
     @classmethod
     def read(cls, path: str | Path) -> tuple[dict[str, Any], Path]:
         """Tables of a design file, not checked yet, and the folder its files are sought in."""
-        text, name = _text(Path(path), LARGEST_DESIGN), shown_path(Path(path).name)
-        _check_tokens(text, name)
+        text, name = text_of(Path(path), LARGEST_DESIGN), shown_path(Path(path).name)
+        check_tokens(text, name)
         try:
             return tomllib.loads(text), Path(path).parent
         except (ValueError, RecursionError) as error:
             raise SpecError(
-                f"A design must be a TOML file; {name} is not: {_reason(error)}. Mend that place."
+                f"A design must be a TOML file; {name} is not: {parse_reason(error)}. Mend that "
+                f"place."
             ) from None
 
     # --- values in the model unit -----------------------------------------------------------
@@ -277,19 +275,19 @@ class Design(_Part):
                 number = math.nan
             if not match or (unit and unit not in UNITS) or math.isnan(number):
                 raise SpecError(
-                    f"{key} must be {_LENGTH_WORDS}; found {_shown(value)}. {_LENGTH_HINT}"
+                    f"{key} must be {LENGTH_WORDS}; found {shown(value)}. {LENGTH_HINT}"
                 )
             number *= UNITS[unit] / UNITS[self.units] if unit else 1.0
         if not abs(number) <= LARGEST_LENGTH:
             raise SpecError(
-                f"{key} must be below {LARGEST_LENGTH:g}; found {_shown(value)}. Check the units."
+                f"{key} must be below {LARGEST_LENGTH:g}; found {shown(value)}. Check the units."
             )
         return number
 
     def _positive(self, value: Length, key: str) -> float:
         number = self.length(value, key)
         if number <= 0:
-            raise SpecError(f"{key} must be above 0; found {_shown(value)}. Raise it.")
+            raise SpecError(f"{key} must be above 0; found {shown(value)}. Raise it.")
         return number
 
     # --- objects ----------------------------------------------------------------------------
@@ -330,7 +328,7 @@ def _surface(spec: SurfaceSpec, folder: Path) -> Surface:
 
         parameters = {key: value for key, value in spec.shape.items() if key != "kind"}
         kind = spec.shape.get("kind", "")
-        return shape_surface(kind if isinstance(kind, str) else _shown(kind), **parameters)
+        return shape_surface(kind if isinstance(kind, str) else shown(kind), **parameters)
     net = spec.net or NetSpec(file=spec.file)
     if net.file is not None:
         net = _net_file(folder / net.file)
@@ -363,11 +361,13 @@ def _net_file(path: Path) -> NetSpec:
             f"the control points, degrees, knots and weights, or give a formula."
         )
     try:
-        table = json.loads(_text(path, LARGEST_NET))
+        table = json.loads(text_of(path, LARGEST_NET))
     except (ValueError, RecursionError) as error:
         if isinstance(error, FormatError):
             raise
-        raise FormatError(f"{name} must be JSON; it is not: {_reason(error)}. Mend it.") from None
+        raise FormatError(
+            f"{name} must be JSON; it is not: {parse_reason(error)}. Mend it."
+        ) from None
     if not isinstance(table, dict):
         raise FormatError(
             f"{name} must hold a JSON object with degree and points; it holds a "
@@ -381,60 +381,7 @@ def _net_file(path: Path) -> NetSpec:
     try:
         return NetSpec.model_validate(table)
     except ValidationError as error:
-        raise SpecError(_first_message(error, name, NetSpec)) from None
-
-
-def _text(path: Path, most_bytes: int) -> str:
-    """A text file's content, or one clear refusal."""
-    shown = shown_path(path)
-    try:
-        if not path.exists():
-            raise FormatError(f"The file {shown} must exist; it does not. Check the path.")
-        # A pipe or device would be waited for without end.
-        if not path.is_file():
-            what = "a folder" if path.is_dir() else "a pipe or device"
-            raise FormatError(f"{shown} must be a file; it is {what}. Name the file.")
-        if path.stat().st_size > most_bytes:
-            raise FormatError(
-                f"{shown} must be below {most_bytes // 1_000_000} MB; it is larger. Is it "
-                f"the right file?"
-            )
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise FormatError(f"{shown} must be UTF-8 text; it is not. Is it the right file?") from None
-    except OSError as error:
-        raise FormatError(
-            f"{shown} must be readable; {error.strerror}. Check its name and rights."
-        ) from None
-    except ValueError as error:
-        if isinstance(error, FormatError):
-            raise
-        raise FormatError(f"{shown} must be the name of a file; {error}. Mend it.") from None
-    if not text.strip():
-        raise FormatError(f"{shown} must not be empty; it is. Is it the right file?")
-    return text
-
-
-def _check_tokens(text: str, name: str) -> None:
-    """Refuse keys and numbers so long that the TOML reader would not come back."""
-    if sum(part.count(".") ** 2 for part in re.split(r"[=,{}\n]", text)) > MOST_KEY_WORK:
-        raise SpecError(
-            f"A design must have short keys; {name} has one with too many dots. Mend it."
-        )
-    if any(run.end() - run.start() > MOST_DIGITS for run in re.finditer(r"[0-9_]+", text)):
-        raise SpecError(
-            f"A design must have numbers of at most {MOST_DIGITS} digits; {name} has a longer one. "
-            f"Mend it."
-        )
-
-
-def _reason(error: Exception) -> str:
-    """Why a text could not be parsed, in one line."""
-    if isinstance(error, RecursionError):
-        return "its brackets are nested too deep"
-    if isinstance(error, tomllib.TOMLDecodeError | json.JSONDecodeError):
-        return str(error)
-    return "it has a whole number of thousands of digits"
+        raise SpecError(first_message(error, name, NetSpec)) from None
 
 
 def _degrees(value: Length) -> float:
@@ -449,87 +396,6 @@ def _degrees(value: Length) -> float:
     if not 0 < number <= 360:
         raise SpecError(
             f"tolerance.twist must be an angle above 0 such as 0.01 or '0.01 deg'; found "
-            f"{_shown(value)}. Change it."
+            f"{shown(value)}. Change it."
         )
     return number
-
-
-# What a key must be and what to do, by the kind of pydantic's complaint.
-_LENGTH_WORDS = "a length such as 1.5 or '0.1 mm'"
-_LENGTH_HINT = f"Known units are {', '.join(UNITS)}."
-_COMPLAINTS = {
-    "finite": ("a finite number", "Give a number."),
-    "float": ("a number", "Give a number."),
-    "int": ("a whole number", "Give one."),
-    "string": ("text", "Put it between quotation marks."),
-    "bool": ("true or false", "Choose one, without quotation marks."),
-    "dict": ("a table of keys and values", "Write it as a section."),
-    "model": ("a table of keys and values", "Write it as a section."),
-    "list": ("a list", "Put it between brackets."),
-    "tuple": ("a list", "Put it between brackets."),
-    "greater": ("above 0", "Raise it."),
-}
-
-
-def _first_message(error: ValidationError, where: str, model: type[BaseModel] = Design) -> str:
-    """One line for the first thing that is wrong: where, what, and the nearest known key."""
-    found = error.errors(include_url=False)
-    # A misspelt key tells more than the key that is missing because of it.
-    extra = [row for row in found if row["type"] == "extra_forbidden"]
-    first = (extra or found)[0]
-    path = [step for step in first["loc"] if not _is_branch(step)]
-    key = ".".join(step if str(step).isprintable() else repr(step) for step in map(str, path))
-    if extra:
-        known = sorted(_known_keys(model, [str(step) for step in path[:-1]]))
-        hint = nearest_name(str(path[-1]), known) or "."
-        return f"{where}: {key} is not a known key{hint} Known here: {', '.join(known)}."
-    if first["type"] == "missing" and isinstance(path[-1], str):
-        return f"{where}: {key} must be given; it is missing. Add it."
-    if first["type"] == "value_error":
-        text = first["msg"].removeprefix("Value error, ").rstrip(".")
-        return f"{where}: {key or 'design'}: {text}."
-    must, remedy = _complaint(first, is_length=len(path) < len(first["loc"]))
-    if path[-1] == "edge":
-        must += ", or a list of two"
-    if path[-1] == "twist":
-        must, remedy = "an angle such as 0.01 or '0.01 deg'", "Change it."
-    return f"{where}: {key} must be {must}; found {_shown(first['input'])}. {remedy}"
-
-
-def _complaint(first: Any, *, is_length: bool) -> tuple[str, str]:
-    """What must be, and what to do, for one complaint of pydantic."""
-    kind, bounds = first["type"], first.get("ctx", {})
-    if is_length:
-        return _LENGTH_WORDS, _LENGTH_HINT
-    if kind == "literal_error":
-        return bounds["expected"], "Choose that."
-    if kind == "missing" or kind.startswith("too_"):
-        return "a list of two", "Give two values."
-    return _COMPLAINTS.get(kind.split("_")[0], ("as documented", "Mend it."))
-
-
-def _is_branch(step: str | int) -> bool:
-    """Whether a step of pydantic's path names a branch of a union, not a key."""
-    return isinstance(step, str) and (step in ("float", "str") or step.startswith("tuple["))
-
-
-def _shown(value: Any) -> str:
-    """A value as a message of one line may show it."""
-    if isinstance(value, int) and abs(value) >= 10**60:
-        return "a number of more than 60 digits"
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _known_keys(model: type[BaseModel], path: list[str]) -> list[str]:
-    """Keys of the section that a path leads to."""
-    for step in path:
-        field = model.model_fields.get(step)
-        inner = field.annotation if field else None
-        parts = [inner, *getattr(inner, "__args__", ())]
-        nested = [p for p in parts if isinstance(p, type) and issubclass(p, BaseModel)]
-        if not nested:
-            break
-        model = nested[0]
-    # A net's file names no further file.
-    return [key for key in model.model_fields if (model, key) != (NetSpec, "file") or path]

@@ -16,8 +16,8 @@ from pydantic import BaseModel
 import pqmesh
 from pqmesh.cli import app
 from pqmesh.design import Design
-from pqmesh.mesh.exact import rotational_mesh
 from pqmesh.job import Spec, panelize
+from pqmesh.mesh.exact import rotational_mesh
 from pqmesh.report import check_report, panelization_report
 
 ROOT = Path(__file__).parents[2]
