@@ -65,7 +65,7 @@ def roof_design() -> Design:
 def roof_runs() -> tuple[Path, dict, list]:
     """The roof by the command, three times: folder, report, runs."""
     folder = Path(tempfile.mkdtemp(prefix="pqmesh-verify-"))
-    runs = [run("panelize", ROOF, "-o", folder / str(i), "--no-figures") for i in range(3)]
+    runs = [run("panelize", ROOF, "-o", folder / str(i)) for i in range(3)]
     report = json.loads((folder / "0" / "report.json").read_text(encoding="utf-8"))
     return folder, report, runs
 
