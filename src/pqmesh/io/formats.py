@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from pqmesh.errors import FormatError, MeshError
 from pqmesh.io.atomic import PathLike, shown_path, write_bytes
+from pqmesh.io.foreign import file_bytes
 from pqmesh.io.obj import Polygons, obj_from_mesh, polygons_from_obj
 from pqmesh.io.off import off_from_mesh, polygons_from_off
 from pqmesh.io.ply import ply_from_mesh, polygons_from_ply
@@ -149,38 +149,11 @@ def _format_of(path: PathLike) -> MeshFormat:
 def _polygons(path: PathLike) -> Polygons:
     """Polygons of a file; errors name the file."""
     mesh_format = _format_of(path)
-    data = _file_bytes(path)
+    data = file_bytes(path, "a mesh")
     try:
         return mesh_format.polygons_from_bytes(data)
     except FormatError as error:
         raise FormatError(f"{shown_path(path)}: {error}") from None
-
-
-def _file_bytes(path: PathLike) -> bytes:
-    """Content of a regular file that is not empty."""
-    shown = shown_path(path)
-    try:
-        # A pipe or device would be waited for without end.
-        if os.path.exists(path) and not os.path.isfile(path):
-            raise FormatError(
-                f"{shown}: a mesh must be read from a file; found a folder or a device. Name a "
-                f"file in it."
-            )
-        data = Path(path).read_bytes()
-    except FileNotFoundError:
-        raise FormatError(
-            f"{shown}: the file must exist; found none. Check the name and the folder."
-        ) from None
-    except FormatError:
-        raise
-    except (OSError, ValueError) as error:
-        raise FormatError(
-            f"{shown}: the file must be readable; found: "
-            f"{getattr(error, 'strerror', None) or error}. Check its name and permissions."
-        ) from None
-    if not data:
-        raise FormatError(f"{shown}: the file must hold a mesh; it is empty. Export it again.")
-    return data
 
 
 def _check_use(polygons: Polygons) -> None:

@@ -9,7 +9,8 @@ import numpy as np
 from pqmesh.errors import SpecError
 from pqmesh.network.principal import Inside
 from pqmesh.surface.base import Surface
-from pqmesh.vectors import TINY, Floats, Mask, read_only
+from pqmesh.surface.plan import even_odd, ring_distance
+from pqmesh.vectors import Floats, Mask, read_only
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,26 +61,16 @@ class PlanOutline:
     def contains(self, points: Floats) -> Mask:
         """Truth for points (N, 2) or (N, 3): inside by the even-odd rule."""
         inside = np.zeros(len(points), dtype=np.bool_)
-        x, y = points[:, 0], points[:, 1]
         for ring in self.rings:
-            for (x0, y0), (x1, y1) in zip(ring, np.roll(ring, -1, axis=0), strict=True):
-                if y0 == y1:
-                    continue
-                crosses = (y >= min(y0, y1)) & (y < max(y0, y1))
-                inside ^= crosses & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
+            inside ^= even_odd(ring, points[:, :2])
         return inside
 
     def near(self, points: Floats, reach: float) -> Mask:
         """Truth for points (N, 2) or (N, 3) inside, or within a plan distance of a ring."""
         close = self.contains(points)
-        open_rows = np.flatnonzero(~close)
-        plan = points[open_rows, :2]
+        beyond = np.flatnonzero(~close)
         for ring in self.rings:
-            for start, end in zip(ring, np.roll(ring, -1, axis=0), strict=True):
-                along = end - start
-                share = np.clip((plan - start) @ along / max(float(along @ along), TINY), 0.0, 1.0)
-                gap = plan - start - share[:, None] * along
-                close[open_rows] |= np.hypot(gap[:, 0], gap[:, 1]) <= reach
+            close[beyond] |= ring_distance(ring, points[beyond, :2]) <= reach
         return close
 
     def on(self, surface: Surface, reach: float = 0.0) -> Inside:

@@ -53,7 +53,7 @@ class Patch:
             size, low = self.surface.domain.size, self.surface.domain.low
             square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * size + low
             rings = self.loops or (square,)
-            gaps = [_to_ring(ring / size, uv[beyond] / size) for ring in rings]
+            gaps = [ring_distance(ring / size, uv[beyond] / size) for ring in rings]
             distance[beyond] = np.min(gaps, axis=0)
         return distance
 
@@ -77,7 +77,7 @@ def even_odd(ring: Floats, points: Floats) -> Mask:
     return inside
 
 
-def _to_ring(ring: Floats, points: Floats) -> Floats:
+def ring_distance(ring: Floats, points: Floats) -> Floats:
     """Distance of points (N, 2) to a closed polyline."""
     along = np.roll(ring, -1, axis=0) - ring
     square = np.maximum((along**2).sum(axis=1), TINY)
