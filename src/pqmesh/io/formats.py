@@ -56,6 +56,7 @@ def read_mesh(path: PathLike) -> PolyMesh:
     Examples
     --------
     >>> import tempfile
+    >>> from pathlib import Path
     >>> square = QuadMesh.of([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     write_mesh(square, Path(folder, "square.obj"))
