@@ -22,6 +22,7 @@ from table import (
     DATA,
     ROOT,
     Row,
+    Run,
     at_least,
     at_most,
     between,
@@ -440,17 +441,7 @@ def real_data() -> list[Row]:
             "formfinding-circular.off",
             "conical1.obj",
         ):
-            done = run(
-                "optimize",
-                DATA / file,
-                "-o",
-                place / "m.obj",
-                "--kind",
-                "planar",
-                "--report",
-                place / "r.json",
-            )
-            report = json.loads((place / "r.json").read_text(encoding="utf-8"))
+            done, report = _planarised(DATA / file, place)
             before, after, deviation = report["before"], report["after"], report["deviation"]
             broken = sum(max(after[k] - before[k], 0) for k in ("nonconvex_faces", "flipped_faces"))
             rows += [
@@ -467,17 +458,7 @@ def real_data() -> list[Row]:
                 at_most(f"{file}: s", 20, done.seconds),
             ]
         for file in ("hypar.obj", "tubemesh.obj"):
-            done = run(
-                "optimize",
-                DATA / file,
-                "-o",
-                place / "m.obj",
-                "--kind",
-                "planar",
-                "--report",
-                place / "r.json",
-            )
-            report = json.loads((place / "r.json").read_text(encoding="utf-8"))
+            done, report = _planarised(DATA / file, place)
             after = report["after"]
             flat = after["planarity_max"] <= 1e-9 and done.code == 0
             told = done.code == 3 and "not reached" in done.err
@@ -520,6 +501,13 @@ def real_data() -> list[Row]:
             )
         )
     return rows
+
+
+def _planarised(mesh: Path, place: Path) -> tuple[Run, dict]:
+    """A mesh made planar by the command: the run and its report."""
+    options = ["--kind", "planar", "--report", place / "r.json"]
+    done = run("optimize", mesh, "-o", place / "m.obj", *options)
+    return done, json.loads((place / "r.json").read_text(encoding="utf-8"))
 
 
 def _formfinding(found: dict) -> list[Row]:
