@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import signal
 import sys
 import time
@@ -19,13 +20,18 @@ from typer.exceptions import TyperException
 from pqmesh.errors import FormatError, MeshError, PqmeshError, SpecError
 
 if TYPE_CHECKING:
+    from pqmesh.design import Design
+    from pqmesh.design_text import DesignText
     from pqmesh.mesh.quadmesh import QuadMesh
     from pqmesh.optimize.solver import Step
+    from pqmesh.source import Source
     from pqmesh.surface.reference import Reference
 
 OK, BAD_INPUT, NOT_REACHED, INTERRUPTED = 0, 2, 3, 130
 # Model sizes beyond this, or below its inverse, leave the range of doubles when squared twice.
 LARGEST = 1e50
+# What `panelize` takes beside designs; the readers stand in source_faces.
+SURFACE_SUFFIXES = (".3dm", ".json")
 
 app = typer.Typer(
     name="pqmesh",
@@ -57,6 +63,9 @@ class Network(StrEnum):
     """Curve networks."""
 
     principal = "principal"
+    uv = "uv"
+    geodesic = "geodesic"
+    conjugate = "conjugate"
 
 
 class _Session:
@@ -87,7 +96,10 @@ def _common(
 
 @app.command()
 def panelize(
-    source: Annotated[Path, typer.Argument(metavar="INPUT", help="Design (.toml) or net (.json).")],
+    source: Annotated[
+        Path,
+        typer.Argument(metavar="INPUT", help="Design (.toml) or surface file (.3dm, .json)."),
+    ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the files.")] = Path(
         "out"
     ),
@@ -96,14 +108,37 @@ def panelize(
         str | None, typer.Option(help="Wanted panel edge, or two: LENGTH[,LENGTH].")
     ] = None,
     network: Annotated[Network | None, typer.Option(help="Curve network.")] = None,
+    curves: Annotated[
+        str | None,
+        typer.Option(help="Given family of a conjugate network.", metavar="FILE[:NAME]"),
+    ] = None,
+    direction_deg: Annotated[
+        float | None, typer.Option(help="Plan direction of the given family, from the x axis.")
+    ] = None,
+    select: Annotated[
+        str | None, typer.Option(help="Object or layer of the surface file.", metavar="NAME")
+    ] = None,
+    outline: Annotated[
+        str | None,
+        typer.Option(help="Plan outline: dxf, svg, 3dm, csv.", metavar="FILE[:NAME]"),
+    ] = None,
     boundary: Annotated[Boundary | None, typer.Option(help="What the rim may do.")] = None,
     layers: Annotated[
         str | None, typer.Option(help="Signed offset distances: D1,D2,...", metavar="D1,D2,...")
     ] = None,
     within: Annotated[str | None, typer.Option(help="Stay this close to the surface.")] = None,
-    units: Annotated[str | None, typer.Option(help="Model unit: m, mm, cm, km, ft, in.")] = None,
+    flat: Annotated[
+        str | None, typer.Option(help="Panels may be out of plane by so much.", metavar="LENGTH")
+    ] = None,
+    extend: Annotated[
+        str | None, typer.Option(help="Continue the surface by so much.", metavar="LENGTH")
+    ] = None,
+    units: Annotated[
+        str | None, typer.Option(help="Unit of a file that does not say: m mm cm km ft in.")
+    ] = None,
     tolerance: Annotated[
-        list[str] | None, typer.Option(help="KEY=VALUE: flat offset twist deviation conical.")
+        list[str] | None,
+        typer.Option(help="KEY=VALUE: flat offset twist deviation conical cover."),
     ] = None,
     flip: Annotated[bool, typer.Option("--flip", help="Turn the orientation.")] = False,
     seed: Annotated[int | None, typer.Option(help="Seed; the same gives the same bytes.")] = None,
@@ -117,72 +152,87 @@ def panelize(
     from pqmesh.design import Design
     from pqmesh.results import check_folder
 
-    table, folder = _tables(source)
-    options = {
-        "--kind": ("panels", "kind", kind),
-        "--edge": ("panels", "edge", _edge(edge)),
-        "--network": ("panels", "network", network),
-        "--boundary": ("boundary", "mode", boundary),
-        "--layers": ("layers", "distances", _lengths(layers)),
-        "--within": ("panels", "within", None if within is None else _number_or_text(within)),
-        "--units": ("surface", "units", units),
-        **{f"--tolerance {key}": ("tolerance", key, value) for key, value in _pairs(tolerance)},
-        "--seed": ("run", "seed", seed),
-        "--allow-many": ("run", "most_panels", 10**12 if allow_many else None),
+    text = _design_text(source)
+    options: dict[str, tuple[tuple[str, ...], Any]] = {
+        "--kind": (("panels", "kind"), kind),
+        "--edge": (("panels", "edge"), _edge(edge)),
+        "--network": (("panels", "network"), network),
+        "--curves": (("panels", "curves"), _file_and_name(curves, text.folder)),
+        "--direction-deg": (("panels", "curves", "direction_deg"), direction_deg),
+        "--select": (("surface", "select"), select),
+        "--outline": (("outline",), _file_and_name(outline, text.folder)),
+        "--boundary": (("boundary", "mode"), boundary),
+        "--layers": (("layers", "distances"), _lengths(layers)),
+        "--within": (("panels", "within"), _length(within)),
+        "--flat": (("panels", "flat"), _length(flat)),
+        "--extend": (("surface", "extend"), _length(extend)),
+        "--units": (("surface", "units"), units),
+        **{f"--tolerance {key}": (("tolerance", key), value) for key, value in _pairs(tolerance)},
+        "--seed": (("run", "seed"), seed),
+        "--allow-many": (("run", "most_panels"), 10**12 if allow_many else None),
     }
-    given = [flag for flag, (section, key, value) in options.items() if value is not None]
-    for flag in given:
-        _put(table, *options[flag])
-    if source.suffix.lower() == ".json" and edge is None:
+    given = {flag: option for flag, option in options.items() if option[1] is not None}
+    for path, value in given.values():
+        _put(text.tables, path, value)
+    if source.suffix.lower() != ".toml" and edge is None:
         raise SpecError(
-            f"A control net needs the wanted panel edge beside it; {source.name} came without. "
+            f"A surface file needs the wanted panel edge beside it; {source.name} came without. "
             f"Add --edge LENGTH."
         )
     check_folder(output)
-    where = source.name + (f" with {', '.join(given)}" if given else "")
-    _panelize(Design.of(table, where), folder, source, output, flip, figures, began)
+    where = text.where.without([path for path, _ in given.values()])
+    if given:
+        where = where._replace(name=f"{where.name} with {', '.join(given)}")
+    design = Design.of(text.tables, where)
+    raise typer.Exit(_panelize(design, text.folder, source.name, output, flip, figures, began))
 
 
 def _panelize(
-    design: Any, folder: Path, source: Path, output: Path, flip: bool, figures: bool, began: float
-) -> None:
-    """The job itself, behind the options."""
-    from pqmesh.job import Spec
+    design: Design, folder: Path, name: str, output: Path, flip: bool, figures: bool, began: float
+) -> int:
+    """The job itself, behind the options: its exit code."""
+    from pqmesh.results import part_folders, write_index
+    from pqmesh.source import opened
+
+    sources = opened(design, folder)
+    if len(sources) == 1:
+        return _one_roof(sources[0], name, output, flip, figures, began)
+    folders = part_folders(output, [source.name for source in sources])
+    codes = []
+    for source, place in zip(sources, folders, strict=True):
+        codes.append(_one_roof(source, name, place, flip, figures, began))
+        began = time.perf_counter()
+    write_index(output, sources, folders, codes)
+    return max(codes)
+
+
+def _one_roof(
+    source: Source, name: str, output: Path, flip: bool, figures: bool, began: float
+) -> int:
+    """One surface panelled, its files written, and what to say of it: the exit code."""
     from pqmesh.job import panelize as run
     from pqmesh.report import failed, panelization_report
     from pqmesh.results import figures_available, write_panelization
+    from pqmesh.source import spec_of
 
-    spec = Spec(
-        edges=design.edges,
-        kind=design.panels.kind,
-        distances=tuple(design.distances),
-        boundary=design.boundary.mode,
-        within=design.within,
-        flip=flip,
-        most_panels=design.run.most_panels,
-    )
-    surface, outline = design.build_surface(folder), design.build_outline()
     read = time.perf_counter() - began
     with _progress() as tell:
-        result = run(surface, spec, outline, tell)
+        result = run(source.surface, spec_of(source, flip=flip), source.outline, tell, source.region)
         report = panelization_report(
-            result,
-            source=source.name,
-            units=design.units,
-            seed=design.run.seed,
-            design=design.model_dump(mode="json", exclude_none=True),
-            tolerances=design.tolerances,
+            result, source=name, design=source.design, origin=source.origin, notes=source.notes
         )
-        wanted = figures and design.output.figures
+        wanted = figures and source.design.output.figures
         if wanted and not figures_available():
             wanted = False
             report["warnings"].append("no pictures: install the extra 'viz' for them")
         tell("write", None)
-        write_panelization(output, result, report, figures=wanted, began=read)
+        write_panelization(
+            output, result, report, origin=source.origin, figures=wanted, began=read
+        )
     _say(_summary(report, output))
     for row in failed(report):
         _say(f"not reached: {row['key']} {row['reached']:.3g}, asked {row['asked']:.3g}")
-    raise typer.Exit(NOT_REACHED if failed(report) else OK)
+    return NOT_REACHED if failed(report) else OK
 
 
 @app.command()
@@ -287,9 +337,10 @@ def check(
 # --- helpers of the shell -------------------------------------------------------------------
 
 
-def _tables(source: Path) -> tuple[dict[str, Any], Path]:
+def _design_text(source: Path) -> DesignText:
     """Tables of a design, or of a bare surface file."""
     from pqmesh.design import Design
+    from pqmesh.design_text import DesignText, Where
     from pqmesh.io.atomic import shown_path
 
     suffix = source.suffix.lower()
@@ -298,20 +349,47 @@ def _tables(source: Path) -> tuple[dict[str, Any], Path]:
     shown = shown_path(source)
     if not source.exists():
         raise FormatError(f"The file {shown} must exist; it does not. Check the path.")
-    if suffix != ".json" or source.is_dir():
-        found = "a folder" if source.is_dir() else f"{suffix or 'no suffix'!r}, not readable yet"
+    if suffix not in SURFACE_SUFFIXES or source.is_dir():
+        found = "a folder" if source.is_dir() else f"{suffix or 'no suffix'!r}"
         raise FormatError(
-            f"{shown}: a surface must be a design (.toml) or a control net (.json); found {found}. "
-            f"Export its control points, or write it as a formula."
+            f"{shown}: a surface must be a design (.toml), a Rhino model (.3dm), or a control net "
+            f"or COMPAS surface (.json); found {found}. Export it as one of these, or write it as "
+            f"a formula."
         )
-    return {"surface": {"file": source.name}}, source.parent
+    table = {"surface": {"file": source.name}}
+    return DesignText(table, source.parent, Where(shown_path(source.name)))
 
 
-def _put(table: dict[str, Any], section: str, key: str, value: Any) -> None:
+def _put(table: dict[str, Any], path: tuple[str, ...], value: Any) -> None:
     """An option that was given wins over the file; a wrong section is left to the check."""
-    part = table.setdefault(section, {})
-    if isinstance(part, dict):
-        part[key] = value.value if isinstance(value, StrEnum) else value
+    for step in path[:-1]:
+        inner = table.setdefault(step, {})
+        if not isinstance(inner, dict):
+            return
+        table = inner
+    table[path[-1]] = value.value if isinstance(value, StrEnum) else value
+
+
+def _file_and_name(text: str | None, folder: Path) -> dict[str, str] | None:
+    """Keys of FILE[:NAME]; the whole text is the file where such a file exists.
+
+    Files of options are sought from where the command runs, those of a design from its folder.
+    """
+    if text is None:
+        return None
+    file, colon, name = text.rpartition(":")
+    # A single letter before a colon is a drive.
+    if not colon or len(file) < 2 or Path(text).exists():
+        file, name = text, ""
+    path = Path(file).absolute()
+    with contextlib.suppress(ValueError):  # another drive
+        path = Path(os.path.relpath(path, folder.absolute()))
+    return {"file": path.as_posix()} | ({"select": name} if name else {})
+
+
+def _length(text: str | None) -> float | str | None:
+    """A length of an option."""
+    return None if text is None else _number_or_text(text)
 
 
 def _edge(text: str | None) -> Any:
@@ -378,13 +456,14 @@ def _reference(path: Path | None, start: Any) -> Reference:
 
     if path is None:
         return TriangleReference.of_polygons(start.vertices, start.topology.face_lists())
-    if path.suffix.lower() in (".toml", ".json"):
+    if path.suffix.lower() in (".toml", *SURFACE_SUFFIXES):
         from pqmesh.design import Design
+        from pqmesh.source import opened_surface
 
-        table, folder = _tables(path)
+        text = _design_text(path)
         # Only the surface counts here; a design without panels will do.
-        table.setdefault("panels", {"edge": 1.0})
-        return SurfaceReference(Design.of(table, path.name).build_surface(folder))
+        text.tables.setdefault("panels", {"edge": 1.0})
+        return SurfaceReference(opened_surface(Design.of(text.tables, text.where), text.folder))
     from pqmesh.io.formats import read_mesh
 
     other = read_mesh(path)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import re
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from pqmesh.errors import FormatError, SpecError
 from pqmesh.io.atomic import shown_path
@@ -13,6 +15,81 @@ from pqmesh.io.atomic import shown_path
 # The TOML reader needs time by the square of a dotted key's length, and a kilobyte for each
 # hundred digits of a number.
 MOST_KEY_WORK, MOST_DIGITS = 10_000_000, 1000
+
+
+_HEADER = re.compile(r"\s*\[\s*([A-Za-z0-9_.\s-]+?)\s*\]\s*(#.*)?")
+_KEY = re.compile(r"\s*([A-Za-z0-9_.-]+)\s*=")
+_STRINGS = re.compile(r'"(?:[^"\\]|\\.)*"|' + r"'[^']*'|#.*")
+
+
+class Where(NamedTuple):
+    """What a source is called in messages, and on which line each of its keys stands.
+
+    Attributes
+    ----------
+    name : str
+    lines : mapping of key path to line, counted from 1; 0 for keys given elsewhere
+    """
+
+    name: str
+    lines: Mapping[tuple[str, ...], int] = {}
+
+    def at(self, path: tuple[str, ...]) -> str:
+        """The source with the line of a key, or of the table that holds it."""
+        for count in range(len(path), 0, -1):
+            if path[:count] in self.lines:
+                line = self.lines[path[:count]]
+                return f"{self.name}, line {line}" if line else self.name
+        return self.name
+
+    def of_message(self, text: str) -> str:
+        """A message behind the place of the first key that it names."""
+        for word in re.findall(r"[a-z]+(?:\.[a-z_]+)+", text):
+            path = tuple(word.split("."))
+            if path in self.lines:
+                return f"{self.at(path)}: {text}"
+        return f"{self.name}: {text}"
+
+    def without(self, paths: list[tuple[str, ...]]) -> Where:
+        """The same with keys that were given elsewhere, which have no line."""
+        return self._replace(lines=dict(self.lines) | dict.fromkeys(paths, 0))
+
+
+class DesignText(NamedTuple):
+    """A design file as read: its tables, the folder its files are sought in, its lines."""
+
+    tables: dict[str, Any]
+    folder: Path
+    where: Where
+
+
+def key_lines(text: str) -> dict[tuple[str, ...], int]:
+    """Line of each section and of each key at the start of a line, by path.
+
+    Keys inside braces stand on the line of the table that holds them.
+
+    Examples
+    --------
+    >>> key_lines("[panels]\\nedge = [1,\\n 2]\\n")
+    {('panels',): 1, ('panels', 'edge'): 2}
+    """
+    found: dict[tuple[str, ...], int] = {}
+    section: tuple[str, ...] = ()
+    depth, closing = 0, ""
+    for number, line in enumerate(text.splitlines(), start=1):
+        if closing:
+            closing = "" if closing in line else closing
+            continue
+        plain = _STRINGS.sub("", re.sub(r'""".*?"""|' + r"'''.*?'''", "", line))
+        if depth == 0 and (header := _HEADER.fullmatch(plain)):
+            section = tuple(part.strip() for part in header[1].split("."))
+            found.setdefault(section, number)
+        elif depth == 0 and (key := _KEY.match(plain)):
+            found.setdefault((*section, *key[1].split(".")), number)
+        depth = max(depth + sum(map(plain.count, "[{")) - sum(map(plain.count, "]}")), 0)
+        depth = 0 if _HEADER.fullmatch(plain) else depth
+        closing = next((mark for mark in ('"""', "'''") if mark in plain), "")
+    return found
 
 
 def text_of(path: Path, most_bytes: int) -> str:

@@ -6,6 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from pqmesh.design_text import Where
 from pqmesh.surface.formula import nearest_name
 
 # Metres in a unit.
@@ -28,7 +29,7 @@ _COMPLAINTS = {
 }
 
 
-def first_message(error: ValidationError, where: str, model: type[BaseModel]) -> str:
+def first_message(error: ValidationError, place: Where, model: type[BaseModel]) -> str:
     """One line for the first thing that is wrong: where, what, and the nearest known key."""
     found = error.errors(include_url=False)
     # A misspelt key tells more than the key that is missing because of it.
@@ -36,6 +37,7 @@ def first_message(error: ValidationError, where: str, model: type[BaseModel]) ->
     first = (extra or found)[0]
     path = [step for step in first["loc"] if not _is_branch(step)]
     key = ".".join(step if str(step).isprintable() else repr(step) for step in map(str, path))
+    where = place.at(tuple(map(str, path)))
     if extra:
         known = sorted(_known_keys(model, [str(step) for step in path[:-1]]))
         hint = nearest_name(str(path[-1]), known) or "."

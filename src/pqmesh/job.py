@@ -13,8 +13,9 @@ from pqmesh.fabricate.edgebeams import EdgeBeam, edge_beams
 from pqmesh.fabricate.trim import TrimmedPanels, TrimmedWebs, trimmed_panels, trimmed_webs
 from pqmesh.fabricate.walls import outline_walls
 from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.network.kinds import Given, trace_network
 from pqmesh.network.meshing import NetworkMesh, quads_from_network
-from pqmesh.network.principal import CurveNetwork, Inside, trace_principal_network
+from pqmesh.network.principal import CurveNetwork, Inside
 from pqmesh.network.region import PlanOutline
 from pqmesh.offset.offsets import Layer, offset_layer, offset_vectors
 from pqmesh.offset.support import SupportStructure, support_structure
@@ -23,14 +24,19 @@ from pqmesh.optimize.schedule import optimized
 from pqmesh.optimize.solver import Solution, Step
 from pqmesh.surface.base import Surface
 from pqmesh.surface.curvature import first_form
+from pqmesh.surface.faces import FaceRegion
 from pqmesh.surface.reference import SurfaceReference
 from pqmesh.surface.umbilics import UmbilicReport, find_umbilics
-from pqmesh.vectors import Floats, cross, norm, unit
+from pqmesh.vectors import Floats, Mask, cross, norm, unit
 
 # The network stops at as many lines in a family, but only after it has traced them.
 MOST_LINES = 4000
 # Sizes beyond this, or below its inverse, leave the range of doubles when squared twice.
 LARGEST_EXTENT = 1e50
+# A surface may turn over on this share of the outline, as by rounding at a rim, and its area in
+# plan may exceed the outline's by this factor, beside what the samples along the rim leave open.
+FOLDED, STACKED = 0.002, 1.02
+SHEET_SAMPLES = (120, 120)
 
 # Told the stage that begins and, while optimising, the last step.
 Progress = Callable[[str, Step | None], None]
@@ -43,13 +49,19 @@ class Spec:
     Attributes
     ----------
     edges : (float, float)
-        Wanted panel edge along the lines of larger and of smaller principal curvature.
+        Wanted panel edge along the lines of the first and of the second family; of larger and
+        of smaller principal curvature in a principal network.
     kind : 'planar', 'conical' or 'circular'
+    network : 'principal', 'uv', 'geodesic' or 'conjugate'
+    given : Given, optional
+        The family that a conjugate or geodesic network starts from.
     distances : tuple of float
         Signed offset distances of the layers.
     boundary : 'free', 'fixed' or 'glide'
     within : float, optional
         Stay this close to the surface.
+    flat : float
+        Panels may be out of plane by so much, and the mesh stays as close as that allows.
     flip : bool
         Turn the orientation: normals downwards.
     most_panels : int
@@ -58,9 +70,12 @@ class Spec:
 
     edges: tuple[float, float]
     kind: str = "conical"
+    network: str = "principal"
+    given: Given | None = None
     distances: tuple[float, ...] = ()
     boundary: str = "free"
     within: float | None = None
+    flat: float = 0.0
     flip: bool = False
     most_panels: int = 1_000_000
 
@@ -85,14 +100,17 @@ class Panelization:
         Which way the normals look, and whether faces were reversed for it.
     start : QuadMesh
         The mesh of the network before optimisation.
+    inside : callable or None
+        Truth at parameters: the region that was to be covered.
     uv : (V, 2)
-        Surface parameters of its vertices.
+        Surface parameters of the start's vertices.
     seconds : mapping of stage to seconds
     """
 
     surface: Surface
     spec: Spec
     outline: PlanOutline | None
+    inside: Inside | None
     umbilics: UmbilicReport
     network: CurveNetwork
     network_mesh: NetworkMesh
@@ -117,6 +135,7 @@ def panelize(
     spec: Spec,
     outline: PlanOutline | None = None,
     progress: Progress | None = None,
+    region: FaceRegion | None = None,
 ) -> Panelization:
     """Network, mesh, optimisation, layers and support structure of a surface.
 
@@ -127,11 +146,14 @@ def panelize(
     outline : PlanOutline, optional
         The plan region to cover; the whole surface otherwise.
     progress : callable, optional
+    region : FaceRegion, optional
+        The faces of the surface, where it is to be used on these only.
 
     Raises
     ------
     SpecError
-        When the edge does not fit the surface.
+        When the edge does not fit the surface, or the surface stands more than once over a
+        point of the outline.
     NetworkError
         When the surface has no network, or none in the region.
 
@@ -144,16 +166,18 @@ def panelize(
     """
     tell = progress or (lambda stage, step: None)
     clock = _Clock()
-    inside = outline.on(surface) if outline is not None else None
+    inside = _inside(surface, outline, region)
     _check_edges(surface, spec, inside)
+    wide = inside
     if outline is not None:
         # A crooked outline is refused now, not after the work.
         outline_walls(outline)
-        inside = outline.on(surface, _overhang(surface, spec, inside))
+        _check_sheets(surface, outline, inside)
+        wide = _inside(surface, outline, region, _overhang(surface, spec, inside))
     tell("network", None)
-    umbilics = find_umbilics(surface, inside)
-    network = trace_principal_network(surface, spec.edges, inside)
-    network_mesh = quads_from_network(network, inside)
+    umbilics = find_umbilics(surface, wide)
+    network = trace_network(spec.network, surface, spec.edges, wide, spec.given)
+    network_mesh = quads_from_network(network, wide)
     start, orientation = _oriented(network_mesh.mesh, flip=spec.flip)
     clock.lap("network")
     tell("optimize", None)
@@ -163,6 +187,7 @@ def panelize(
         SurfaceReference(surface, network_mesh.uv),
         boundary=spec.boundary,
         within=spec.within,
+        warp=spec.flat,
         progress=lambda step: tell("optimize", step),
     )
     mesh = start.with_vertices(solution.blocks["vertices"])
@@ -181,6 +206,7 @@ def panelize(
         surface,
         spec,
         outline,
+        inside,
         umbilics,
         network,
         network_mesh,
@@ -194,6 +220,25 @@ def panelize(
         trimmed,
         clock.seconds,
     )
+
+
+def _inside(
+    surface: Surface, outline: PlanOutline | None, region: FaceRegion | None, reach: float = 0.0
+) -> Inside | None:
+    """Truth at parameters over the outline and on the faces, both wider by a plan distance."""
+    if region is None:
+        return None if outline is None else outline.on(surface, reach)
+    if outline is None:
+        return lambda uv: region.within(uv, reach)
+    over = outline.on(surface, reach)
+
+    def inside(uv: Floats) -> Mask:
+        both = over(uv)
+        rows = np.flatnonzero(both)
+        both[rows] = region.within(uv[rows], reach)
+        return both
+
+    return inside
 
 
 class _Clock:
@@ -249,6 +294,33 @@ def _check_edges(surface: Surface, spec: Spec, inside: Inside | None) -> None:
         )
 
 
+def _check_sheets(surface: Surface, outline: PlanOutline, inside: Inside | None) -> None:
+    """Refuse surfaces that stand over a point of the outline more than once."""
+    grid = surface.domain.grid(*SHEET_SAMPLES)
+    uv = grid.reshape(-1, 2)
+    chosen = np.ones(len(uv), dtype=np.bool_) if inside is None else inside(uv)
+    jet = surface.jet(uv[chosen])
+    upright = cross(jet.du, jet.dv)[:, 2]
+    cell = float(np.prod(surface.domain.size)) / len(uv)
+    up, down = cell * float(upright[upright > 0].sum()), -cell * float(upright[upright < 0].sum())
+    if min(up, down) > FOLDED * outline.area:
+        lesser = upright < 0 if down < up else upright > 0
+        place = jet.point[lesser][int(np.abs(upright[lesser]).argmax())]
+        raise SpecError(
+            f"Over its outline a surface must not turn over, seen from above; it does so near "
+            f"({', '.join(f'{x:.6g}' for x in place)}). Draw the outline around the part that is "
+            f"meant, or leave it out and panel the whole surface."
+        )
+    pace = float(np.sqrt((up + down) / max(int(chosen.sum()), 1)))
+    rim = sum(float(norm(np.roll(ring, -1, axis=0) - ring).sum()) for ring in outline.rings)
+    if up + down > STACKED * outline.area + pace * rim:
+        raise SpecError(
+            f"A surface must stand once over each point of its outline; its area in plan is "
+            f"{up + down:.6g} over an outline of {outline.area:.6g}, so parts lie on top of each "
+            f"other. Draw the outline around one of them."
+        )
+
+
 def _oriented(mesh: QuadMesh, *, flip: bool) -> tuple[QuadMesh, str]:
     """Mesh with its normals upwards on average (downwards with flip), and words for it."""
     up = float(mesh.face_area_vectors[:, 2].sum())
@@ -263,13 +335,18 @@ def _oriented(mesh: QuadMesh, *, flip: bool) -> tuple[QuadMesh, str]:
 
 
 def _overhang(surface: Surface, spec: Spec, inside: Inside | None) -> float:
-    """Plan distance by which the mesh must reach over the outline for its layers to do so too."""
+    """Plan distance by which the mesh reaches over the outline where the surface does.
+
+    A panel, so that no corner of the outline is missed and the rim's freedom is cut away, and as
+    much as the layers shift in plan.
+    """
     uv = surface.domain.grid(40, 40).reshape(-1, 2)
     uv = uv if inside is None else uv[inside(uv)]
     jet = surface.jet(uv)
     normal = unit(cross(jet.du, jet.dv))
     aside = float(norm(normal[:, :2]).max(initial=0.0))
-    return 1.1 * aside * max((abs(d) for d in spec.distances), default=0.0)
+    shift = aside * max((abs(d) for d in spec.distances), default=0.0)
+    return max(spec.edges) + 1.1 * shift
 
 
 def _trimmed(

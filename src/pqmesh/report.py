@@ -6,8 +6,10 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 import pqmesh
+from pqmesh.design import Design
 from pqmesh.fabricate.trim import TrimmedPanels
 from pqmesh.job import Panelization
 from pqmesh.mesh.measure import (
@@ -29,48 +31,63 @@ from pqmesh.optimize.solver import Solution
 from pqmesh.surface.base import Surface
 from pqmesh.surface.curvature import first_form
 from pqmesh.surface.reference import Reference, SurfaceReference, TriangleReference
-from pqmesh.vectors import norm
+from pqmesh.vectors import Floats, norm
 
 SCHEMA = 1
 # A sampled point of the surface counts as covered within this share of the mean edge.
 COVERED = 0.05
 # An edge shorter than this share of the mean is listed as tiny.
 TINY_EDGE = 0.05
+# Families of lines that meet under less than this are worth a word.
+NARROW_DEG = 30.0
 
 
 def panelization_report(
     result: Panelization,
     *,
     source: str,
-    units: str,
-    seed: int,
-    design: dict[str, Any],
-    tolerances: dict[str, float],
+    design: Design,
+    origin: Floats,
+    notes: tuple[str, ...] = (),
 ) -> dict[str, Any]:
-    """All report keys but `timing` and the writing of files."""
+    """All report keys but `timing` and the writing of files.
+
+    Parameters
+    ----------
+    result : Panelization
+        Near the origin.
+    source : str
+        Name of the input.
+    design : Design
+    origin : (3,)
+        Where the result stands: added to the places that are named.
+    notes : tuple of str
+        Warnings from reading the input.
+    """
     mesh = result.mesh
     reference = SurfaceReference(result.surface, result.uv)
     report: dict[str, Any] = {
         "schema": SCHEMA,
         "version": pqmesh.__version__,
-        "units": units,
+        "units": design.units,
         "kind": result.spec.kind,
         "input": source,
-        "design": design,
-        "seed": seed,
+        "design": design.model_dump(mode="json", exclude_none=True),
+        "seed": design.run.seed,
+        "origin": origin.tolist(),
         "orientation": result.orientation,
         "mesh": mesh_counts(mesh),
         "before": all_measures(result.start, result.spec.kind),
         "after": all_measures(mesh, result.spec.kind),
         "deviation": deviation(result.start, mesh, reference),
-        "network": _network(result),
+        "network": _network(result, origin),
         "layers": [_layer(layer) for layer in result.layers],
         "support": _support(result.support),
         "panels": _panels(result),
         "solver": solver_report(result.solution),
-        "warnings": _warnings(result),
+        "warnings": [*notes, *_warnings(result, origin)],
     }
-    report["tolerance"] = _tolerance(report, tolerances)
+    report["tolerance"] = _tolerance(report, design.tolerances)
     return report
 
 
@@ -305,28 +322,57 @@ def _cut_panels(panels: TrimmedPanels) -> dict[str, Any]:
     }
 
 
-def _network(result: Panelization) -> dict[str, Any]:
-    inside = None if result.outline is None else result.outline.on(result.surface)
-    found = result.umbilics
+def _network(result: Panelization, origin: Floats) -> dict[str, Any]:
+    found, network = result.umbilics, result.network
+    angles = np.degrees(network.angles)
     return {
+        "kind": network.kind,
+        "family_angle_min_deg": float(angles.min(initial=90.0)),
+        "family_angle_mean_deg": float(angles.mean()) if len(angles) else None,
+        "conjugacy_max": float(network.conjugacy.max(initial=0.0)),
+        "focal": [
+            {"family": family, "point": (point + origin).tolist()}
+            for family, _, point in network.focal
+        ],
         "lines": [len(lines) for lines in result.network.families],
         "viability": found.viability if np.isfinite(found.viability) else None,
         "umbilics": [
-            {"uv": list(u.uv), "point": list(u.point), "index": u.index, "kind": u.kind}
+            {"uv": list(u.uv), "point": (u.point + origin).tolist(), "index": u.index, "kind": u.kind}
             for u in found.umbilics
         ],
         "degenerate_share": found.degenerate_fraction,
         "unusable_quads": result.network_mesh.unusable,
         "separate_quads": result.network_mesh.separate,
-        **coverage(result.surface, result.mesh, inside),
+        **coverage(result.surface, result.mesh, result.inside),
     }
 
 
-def _warnings(result: Panelization) -> list[str]:
-    """What a user should know before building."""
+def _place(point: ArrayLike, origin: Floats) -> str:
+    """A place in space, to six digits of what is near the origin."""
+    return ", ".join(f"{x:.12g}" for x in np.round(np.asarray(point), 3) + origin + 0.0)
+
+
+def _network_warnings(result: Panelization, origin: Floats) -> list[str]:
+    """What the network says of the surface."""
     found = []
+    network = result.network
+    least = float(np.degrees(network.angles).min(initial=90.0))
+    if network.kind == "conjugate" and least < NARROW_DEG:
+        found.append(
+            f"the families of the conjugate network meet under {least:.3g} deg at least: near an "
+            f"asymptotic direction panels become slender"
+        )
+    for family in (0, 1):
+        places = [point for k, _, point in network.focal if k == family]
+        if places:
+            found.append(
+                f"geodesics of family {family + 1} focus: {len(places)} lines end, the first near "
+                f"({_place(places[0], origin)})"
+            )
+    if network.kind != "principal":
+        return found
     for umbilic in result.umbilics.umbilics:
-        place = ", ".join(f"{x:.4g}" for x in umbilic.point)
+        place = _place(umbilic.point, origin)
         found.append(
             f"umbilic ({umbilic.kind}, index {umbilic.index:+g}) at ({place}): no principal "
             f"network passes it; the panels stop around it"
@@ -341,6 +387,12 @@ def _warnings(result: Panelization) -> list[str]:
             f"viability {result.umbilics.viability:.2f} is below 0.35: panel sizes will vary by "
             f"more than a factor of 4"
         )
+    return found
+
+
+def _warnings(result: Panelization, origin: Floats) -> list[str]:
+    """What a user should know before building."""
+    found = _network_warnings(result, origin)
     if result.network_mesh.separate:
         found.append(
             f"{result.network_mesh.separate} panels hang together with the rest by no edge and "
@@ -349,7 +401,7 @@ def _warnings(result: Panelization) -> list[str]:
     if result.trimmed is not None:
         panels = result.trimmed.panels
         if len(panels.slivers):
-            place = ", ".join(f"{x:.4g}" for x in panels.sliver_places[0])
+            place = _place(panels.sliver_places[0], origin)
             found.append(
                 f"{len(panels.slivers)} cut panels are slivers (small, or with a short side) and "
                 f"have no neighbour in their plane to merge with; the first at ({place})"
@@ -357,7 +409,8 @@ def _warnings(result: Panelization) -> list[str]:
         if panels.covered_share < 1.0 - 1e-6:
             found.append(
                 f"the panels cover {100 * panels.covered_share:.4g} % of the outline: the surface "
-                f"or its network does not reach over the rest"
+                f"or its network does not reach over the rest (surface.extend continues the "
+                f"surface)"
             )
     for layer in result.layers:
         bound = layer.first_reversed_edge_distance
@@ -373,6 +426,7 @@ def _warnings(result: Panelization) -> list[str]:
 
 def _tolerance(report: dict[str, Any], asked: dict[str, float]) -> list[dict[str, Any]]:
     """Asked, reached and pass for each tolerance that this kind of mesh is judged on."""
+    share = report["panels"]["covered_share"]
     reached: dict[str, float | None] = {
         "flat": max(
             [report["after"]["planarity_max_length"]]
@@ -382,6 +436,7 @@ def _tolerance(report: dict[str, Any], asked: dict[str, float]) -> list[dict[str
         "twist": report["support"]["twist_max_deg"] if report["support"] else None,
         "deviation": report["deviation"]["max"],
         "conical": report["after"]["cone_spread_max"] if report["kind"] == "conical" else None,
+        "cover": None if share is None else abs(1.0 - share),
     }
     if report["kind"] == "planar":
         # No constant distance exists for a mesh that is only planar: reported, not judged.

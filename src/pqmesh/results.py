@@ -15,25 +15,46 @@ from typing import Any
 
 import numpy as np
 
+import pqmesh
 from pqmesh.errors import FormatError, PqmeshError
 from pqmesh.fabricate.panels import obj_from_polygons
 from pqmesh.io.atomic import shown_path, write_all, write_bytes
 from pqmesh.io.obj import obj_from_mesh
 from pqmesh.job import Panelization
 from pqmesh.mesh.measure import conicality_defect, fitted_cones, planarity_deviation
+from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.offset.support import SupportStructure
+from pqmesh.source import Source
+from pqmesh.vectors import Floats
 
 # Files that an earlier run of the same command may have left and this one does not replace.
 _OURS = re.compile(r"layer-\d+(-panels)?\.obj|support(-panels)?\.obj|figures/[a-z-]+\.png")
 
+NETWORK_WORDS = {
+    "principal": "Lines of curvature",
+    "uv": "Parameter lines",
+    "geodesic": "Geodesics",
+    "conjugate": "Conjugate lines",
+}
 
-def panelization_files(result: Panelization) -> dict[str, bytes]:
-    """Mesh files of a roof by name: whole, and cut by the outline where there is one."""
-    files = {"mesh.obj": obj_from_mesh(result.mesh)}
+
+def panelization_files(result: Panelization, origin: Floats) -> dict[str, bytes]:
+    """Mesh files of a roof by name: whole, and cut by the outline where there is one.
+
+    The origin (3,) is added here, after all work near it is done.
+    """
+
+    def mesh_file(mesh: QuadMesh) -> bytes:
+        return obj_from_mesh(mesh.with_vertices(mesh.vertices + origin))
+
+    def panel_file(polygons: Sequence[Floats], what: str = "panels") -> bytes:
+        return obj_from_polygons([polygon + origin for polygon in polygons], what)
+
+    files = {"mesh.obj": mesh_file(result.mesh)}
     for number, layer in enumerate(result.layers, start=1):
-        files[f"layer-{number}.obj"] = obj_from_mesh(layer.mesh)
+        files[f"layer-{number}.obj"] = mesh_file(layer.mesh)
     if result.support is not None:
-        files["support.obj"] = _quads_obj(result.support)
+        files["support.obj"] = _quads_obj(result.support, origin)
     cut = result.trimmed
     if cut is None:
         # Without an outline the panels are whole.
@@ -42,19 +63,20 @@ def panelization_files(result: Panelization) -> dict[str, bytes]:
             panels = "panels.obj" if stem == "mesh" else f"{stem}-panels.obj"
             files[panels] = files[f"{stem}.obj"]
         return files
-    files["panels.obj"] = obj_from_polygons(cut.panels.polygons)
+    files["panels.obj"] = panel_file(cut.panels.polygons)
     for number, trimmed in enumerate(cut.layers, start=1):
-        files[f"layer-{number}-panels.obj"] = obj_from_polygons(trimmed.polygons)
+        files[f"layer-{number}-panels.obj"] = panel_file(trimmed.polygons)
     if cut.webs is not None:
-        files["support-panels.obj"] = obj_from_polygons(cut.webs.polygons, "webs")
+        files["support-panels.obj"] = panel_file(cut.webs.polygons, "webs")
     return files
 
 
-def _quads_obj(support: SupportStructure) -> bytes:
+def _quads_obj(support: SupportStructure, origin: Floats) -> bytes:
     """Webs as an OBJ file: four vertices of its own for each, in the order of the edges."""
+    corners = support.quads.reshape(-1, 3) + origin
     rows = [
         f"# pqmesh geometric support structure: {len(support.quads)} quads, one an edge\n",
-        *(f"v {x:.17g} {y:.17g} {z:.17g}\n" for x, y, z in support.quads.reshape(-1, 3).tolist()),
+        *(f"v {x:.17g} {y:.17g} {z:.17g}\n" for x, y, z in corners.tolist()),
         *(
             f"f {4 * i + 1} {4 * i + 2} {4 * i + 3} {4 * i + 4}\n"
             for i in range(len(support.quads))
@@ -81,7 +103,7 @@ def panelization_figures(result: Panelization, units: str) -> dict[str, bytes]:
             region=result.outline,
             umbilics=result.umbilics.umbilics,
             units=units,
-            title="Lines of curvature and the mesh they give",
+            title=f"{NETWORK_WORDS[result.network.kind]} and the mesh they give",
         ),
         "flatness": figures.measure_figure(
             mesh,
@@ -220,7 +242,13 @@ def write_files(files: dict[Path, bytes]) -> None:
 
 
 def write_panelization(
-    folder: Path, result: Panelization, report: dict[str, Any], *, figures: bool, began: float
+    folder: Path,
+    result: Panelization,
+    report: dict[str, Any],
+    *,
+    origin: Floats,
+    figures: bool,
+    began: float,
 ) -> dict[str, Any]:
     """Write all files of a roof into a folder, and return the report with its timing.
 
@@ -228,7 +256,7 @@ def write_panelization(
     after the new ones stand.
     """
     clock = time.perf_counter()
-    files = panelization_files(result)
+    files = panelization_files(result, origin)
     if figures:
         try:
             files |= panelization_figures(result, report["units"])
@@ -251,6 +279,29 @@ def write_panelization(
     write_all(folder, files)
     _remove_leftovers(folder, set(files))
     return report
+
+
+def part_folders(folder: Path, names: Sequence[str]) -> list[Path]:
+    """A folder of its own for each part of a result, called after it."""
+    stems = [re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-.") or "part" for name in names]
+    return [folder / f"{number}-{stem}"[:80] for number, stem in enumerate(stems, start=1)]
+
+
+def write_index(
+    folder: Path, sources: Sequence[Source], folders: Sequence[Path], codes: Sequence[int]
+) -> None:
+    """Write the report of several parts: which there are, where, and how each ended."""
+    index = {
+        "schema": 1,
+        "version": pqmesh.__version__,
+        "units": sources[0].design.units,
+        "parts": [
+            {"name": source.name, "folder": place.name, "exit_code": code}
+            for source, place, code in zip(sources, folders, codes, strict=True)
+        ],
+        "warnings": sorted({note for source in sources for note in source.notes}),
+    }
+    write_all(folder, {"report.json": json_bytes(index)})
 
 
 def _remove_leftovers(folder: Path, kept: set[str]) -> None:

@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pqmesh.design import Design
+from pqmesh.source import opened
 from pqmesh.errors import FormatError, NetworkError, SpecError, SurfaceError
 
 Refused = Callable[..., str]
@@ -112,7 +113,7 @@ SURFACES = {
     'shape = {kind = "torus"}\nselect = "roof"': "select chooses an object",
     'shape = {kind = "torus"}\ngraph = {z="x*y", x=[0,1], y=[0,1]}': "found graph, shape",
     'units = "m"': "found none",
-    'file = "roof.3dm"': "roof.3dm cannot be read yet",
+    'file = "roof.3dm"': "roof.3dm: the file must exist; found none",
     'net = {file = "none.json"}': "none.json must exist",
     'net = {file = "\\u0000.json"}': ".json",
     "net = {}": "either a file or points",
@@ -152,7 +153,13 @@ PANELS = {
     "egde = 1": "panels.egde is not a known key; did you mean 'edge'?",
     "": "panels.edge must be given",
     'edge = 1\nkind = "conic"': "panels.kind must be 'planar', 'conical' or 'circular'",
-    'edge = 1\nnetwork = "uv"': "panels.network must be 'principal'; found 'uv'",
+    'edge = 1\nnetwork = "curved"': "'geodesic' or 'conjugate'; found 'curved'",
+    'edge = 1\nnetwork = "conjugate"': "needs the family of lines that is given; found none",
+    "edge = 1\ncurves = {direction_deg = 1}": "curves belong to a conjugate or geodesic network",
+    'edge = 1\nnetwork = "conjugate"\ncurves = {direction_deg = 1, file = "a.dxf"}': "Keep one",
+    'edge = 1\nnetwork = "conjugate"\ncurves = {direction = 1}': "did you mean 'direction_deg'?",
+    "edge = 1\nflat = -1": "panels.flat must be above 0",
+    'edge = 1\nnetwork = "geodesic"\ncurves = {points = [[[0, 0], [1, 0]]]}': "panels: a geodesic network starts from a point",
     "edge = 1\nwithin = 0": "panels.within must be above 0",
     "edge = 1\nwithin = nan": "panels.within must be a length",
     'edge = 1\n"a\\u001b[31mb\\n" = 2': "panels.'a\\x1b[31mb\\n' is not a known key",
@@ -189,7 +196,11 @@ SECTIONS = {
     "[outline]\npolygon = [[0,0],[1,nan],[2,2]]": "outline.polygon.1.1 must be a finite number",
     "[outline]\npolygon = [[-9,-9],[1e308,-9],[9,1e308]]": "must stay below 1e+100",
     "[outline]\npolygon = 3": "outline.polygon must be a list",
-    "[outline]\nfile = 'site.dxf'": "outline.file is not a known key. Known here: holes, polygon",
+    "[outline]\nfile = 'site.dxf'": "site.dxf: the file must exist; found none",
+    "[outline]\npolygon = [[0,0],[1,0],[0,1]]\nfile = 'site.dxf'": "either a file or a polygon",
+    "[outline]\nholes = []": "either a file or a polygon",
+    "[outline]\nfile = 'site.pdf'": "must be one of .dxf, .svg, .3dm, .csv; found '.pdf'",
+    "[tolerance]\ncover = 0": "tolerance.cover must be above 0",
 }
 
 
@@ -277,9 +288,9 @@ INPUTS = {
     "none.toml": "none.toml must exist",
     "none.json": "none.json must exist",
     "none.3dm": "none.3dm must exist",
-    "model.3dm": "'.3dm', not readable yet",
-    "model.obj": "'.obj', not readable yet",
-    "model": "'no suffix', not readable yet",
+    "model.3dm": "Add --edge LENGTH",
+    "model.obj": "must be a design (.toml), a Rhino model (.3dm), or a control net",
+    "model": "found 'no suffix'",
     "folder": "found a folder",
     "folder.toml": "it is a folder",
     "folder.json": "found a folder",
@@ -300,7 +311,7 @@ def test_input_that_cannot_be_read_is_refused(tmp_path: Path, refused: Refused, 
 
 def test_bad_group_of_real_files_is_no_surface(data_folder: Path, refused: Refused) -> None:
     for name in ("QuadMesh.off", "suzanne.ply", "faces_reversed.obj", "joined_tetrahedra.obj"):
-        assert "not readable yet" in refused("panelize", data_folder / name, "--edge", "1")
+        assert "a surface must be a design" in refused("panelize", data_folder / name, "--edge", "1")
 
 
 OPTIONS = {
@@ -322,7 +333,7 @@ OPTIONS = {
     ("--within", "-1"): "above 0",
     ("--kind", "conic"): "'conic' is not one of 'planar', 'conical', 'circular'",
     ("--boundary", "loose"): "'loose' is not one of",
-    ("--network", "uv"): "'uv' is not one of",
+    ("--network", "curved"): "'curved' is not one of",
     ("--seed", "x"): "'--seed'",
     ("--frob",): "No such option: --frob",
     ("--edge",): "requires an argument",
@@ -351,7 +362,7 @@ def test_output_at_or_below_a_file_is_refused_before_the_work(
     def never(*_: object) -> None:
         raise AssertionError("the work began")
 
-    monkeypatch.setattr("pqmesh.job.trace_principal_network", never)
+    monkeypatch.setattr("pqmesh.job.trace_network", never)
     (tmp_path / "roof.toml").write_text(design())
     line = refused("panelize", "roof.toml", "-o", output)
     assert "results must go to a folder" in line
@@ -386,7 +397,7 @@ KNOWN = {
     "outline": ["polygon", "holes"],
     "boundary": ["mode"],
     "layers": ["distances"],
-    "tolerance": ["flat", "offset", "twist", "deviation", "conical"],
+    "tolerance": ["flat", "offset", "twist", "deviation", "conical", "cover"],
     "output": ["formats", "figures"],
     "run": ["seed", "most_panels"],
 }
@@ -418,9 +429,7 @@ TABLES = st.fixed_dictionaries(
 @given(table=TABLES)
 def test_random_tables_give_a_surface_or_a_refusal_of_one_line(table: dict[str, object]) -> None:
     try:
-        found = Design.of(table)
-        found.build_outline()
-        found.build_surface(Path("no such folder"))
+        opened(Design.of(table), Path("no such folder"))
     except (SpecError, SurfaceError, NetworkError, FormatError) as error:
         text = " ".join(str(error).split())
         assert text

@@ -215,7 +215,7 @@ def test_want_of_memory_is_one_line(
     def large(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("pqmesh.job.trace_principal_network", large)
+    monkeypatch.setattr("pqmesh.job.trace_network", large)
     assert "must fit into memory" in refused("panelize", "roof.toml", "-o", "out")
 
 

@@ -38,7 +38,7 @@ LAYER = (
     "planarity_max first_reversed_edge_distance"
 )
 SUPPORT = "quads twist_max_deg planarity_max_length"
-TOLERANCES = ["flat", "offset", "twist", "deviation", "conical"]
+TOLERANCES = ["flat", "offset", "twist", "deviation", "conical", "cover"]
 
 NET = [[[i, j, 0.2 * i * j + 0.1 * i * i] for j in range(4)] for i in range(4)]
 WEIGHTS = [[1.0, 1.0, 1.0, 1.0], [1.0, 1.2, 1.2, 1.0], [1.0, 1.2, 1.2, 1.0], [1.0] * 4]
@@ -356,7 +356,7 @@ def test_warnings_name_place_and_kind_of_umbilics(built: Command) -> None:
     lines = [text for text in report["warnings"] if text.startswith("umbilic (lemon")]
     assert len(lines) == 2
     for umbilic, text in zip(found, lines, strict=True):
-        place = ", ".join(f"{x:.4g}" for x in umbilic["point"])
+        place = ", ".join(f"{round(x, 3) + 0.0:.12g}" for x in umbilic["point"])
         assert f"at ({place})" in text
         x, y, _ = umbilic["point"]
         # k1 = k2 where x = 0 and 1 + (2 y)^2 = 2.

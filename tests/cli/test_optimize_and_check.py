@@ -112,7 +112,7 @@ OPTIONS = {
     ("--reference", "none.obj"): "none.obj: the file must exist",
     ("--reference", "none.toml"): "none.toml must exist",
     ("--reference", "bad.toml"): "did you mean 'torus'?",
-    ("--reference", "model.3dm"): "found '.3dm'",
+    ("--reference", "model.3dm"): "A Rhino model must begin with",
     ("--report", "report.txt"): "must be one of .json; found '.txt'",
     ("--report", "none/report.json"): "the folder of the output must exist",
     ("--report", "bad.toml/report.json"): "the folder of the output must exist",

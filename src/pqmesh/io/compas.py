@@ -11,7 +11,7 @@ import numpy as np
 
 from pqmesh.errors import FormatError, PqmeshError
 from pqmesh.io.atomic import PathLike, shown_path
-from pqmesh.io.foreign import DAMAGE, file_bytes
+from pqmesh.io.foreign import DAMAGE, file_bytes, named
 from pqmesh.io.nurbs import surface_from_nurbs
 from pqmesh.io.obj import Polygons
 from pqmesh.mesh.quadmesh import PolyMesh
@@ -53,7 +53,7 @@ def read_compas_surface(path: PathLike) -> BSplineSurface:
                 f"found: {error!s:.80}. Export it again."
             ) from None
     except PqmeshError as error:
-        raise type(error)(f"{shown_path(path)}: {error}") from None
+        raise named(path, error) from None
 
 
 def polygons_from_compas(data: bytes) -> Polygons:

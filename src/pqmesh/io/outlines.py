@@ -1,4 +1,4 @@
-"""Plan outlines from drawings: DXF, SVG, 3dm and CSV."""
+"""Plan outlines and curves from drawings: DXF, SVG, 3dm and CSV."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pqmesh.errors import FormatError, PqmeshError, SpecError
-from pqmesh.io.atomic import PathLike, shown_path
+from pqmesh.io.atomic import PathLike
 from pqmesh.io.drawings import (
     drawing_from_csv,
     drawing_from_dxf,
     drawing_from_rhino,
     drawing_from_svg,
 )
-from pqmesh.io.foreign import METRES
+from pqmesh.io.foreign import METRES, named
 from pqmesh.io.rings import outline_from_strokes
 from pqmesh.io.strokes import Drawing, flattened
 from pqmesh.network.region import PlanOutline
+from pqmesh.vectors import Floats
 
 # The only list of outline formats.
 OUTLINE_FORMATS: dict[str, Callable[[PathLike, str | None], Drawing]] = {
@@ -30,10 +31,8 @@ OUTLINE_FORMATS: dict[str, Callable[[PathLike, str | None], Drawing]] = {
 }
 
 # Ratios of sizes that come from mistaken units, and how near a ratio must be to look so.
-MISTAKES = {
-    **{1000.0: ("mm", "m", 2.0), 304.8: ("mm", "ft", 1.7), 100.0: ("cm", "m", 1.3)},
-    **{25.4: ("mm", "in", 1.3)},
-}
+GROSS = {1000.0: ("mm", "m", 2.0), 304.8: ("mm", "ft", 1.7)}
+MISTAKES = GROSS | {100.0: ("cm", "m", 1.3), 25.4: ("mm", "in", 1.3)}
 
 
 def read_outline(
@@ -73,6 +72,34 @@ def read_outline(
         When the selection or the unit is not known; when the outline is open, a point, crosses
         or touches itself or a hole, or a hole lies outside. Names the place in the file.
     """
+    strokes, factor = _strokes(path, select, units)
+    try:
+        drawn = outline_from_strokes(strokes)
+    except PqmeshError as error:
+        raise named(path, error) from None
+    base = np.asarray(origin, dtype=np.float64)[:2]
+    first, *holes = (ring * factor - base for ring in drawn.rings)
+    return PlanOutline(first, tuple(holes))
+
+
+def read_curves(
+    path: PathLike,
+    select: str | None = None,
+    *,
+    units: str,
+    origin: ArrayLike = (0.0, 0.0, 0.0),
+) -> tuple[Floats, ...]:
+    """Plan polylines (k, 2) of a drawing's curves, each as drawn, open or closed.
+
+    Formats, selection, units, origin and errors as in `read_outline`; nothing is joined.
+    """
+    strokes, factor = _strokes(path, select, units)
+    base = np.asarray(origin, dtype=np.float64)[:2]
+    return tuple(stroke * factor - base for stroke in strokes)
+
+
+def _strokes(path: PathLike, select: str | None, units: str) -> tuple[list[Floats], float]:
+    """Polylines in the unit of the file, and what to multiply them by for the model unit."""
     suffix = os.path.splitext(os.fspath(path))[1].lower()
     try:
         if units not in METRES:
@@ -85,16 +112,15 @@ def read_outline(
                 f"{suffix or 'none'!r}. Rename or convert the file."
             )
         drawing = OUTLINE_FORMATS[suffix](path, select)
-        drawn = outline_from_strokes(flattened(drawing.strokes))
+        strokes = flattened(drawing.strokes)
     except PqmeshError as error:
-        raise type(error)(f"{shown_path(path)}: {error}") from None
-    factor = 1.0 if drawing.metres is None else drawing.metres / METRES[units]
-    base = np.asarray(origin, dtype=np.float64)[:2]
-    first, *holes = (ring * factor - base for ring in drawn.rings)
-    return PlanOutline(first, tuple(holes))
+        raise named(path, error) from None
+    return strokes, 1.0 if drawing.metres is None else drawing.metres / METRES[units]
 
 
-def plausible_units(outline: PlanOutline, surface_extent: float, units: str = "m") -> None:
+def plausible_units(
+    outline: PlanOutline, surface_extent: float, units: str = "m", *, is_stated: bool = False
+) -> None:
     """Nothing, once the sizes of an outline and of its surface do not hint at mistaken units.
 
     Parameters
@@ -104,11 +130,14 @@ def plausible_units(outline: PlanOutline, surface_extent: float, units: str = "m
         The larger extent of the surface in plan.
     units : str
         The model unit, for the message.
+    is_stated : bool
+        Units were said, not taken for granted: only the gross mistakes are asked about then.
 
     Raises
     ------
     SpecError
-        When one is about 1000, 304.8, 100 or 25.4 times the size of the other.
+        When one is about 1000 or 304.8 times the size of the other; 100 or 25.4 times, too, where
+        no unit was stated.
 
     Examples
     --------
@@ -122,7 +151,7 @@ def plausible_units(outline: PlanOutline, surface_extent: float, units: str = "m
     if not (size > 0.0 and surface_extent > 0.0):
         return
     ratio = max(size / surface_extent, surface_extent / size)
-    for factor, (small, large, margin) in MISTAKES.items():
+    for factor, (small, large, margin) in (GROSS if is_stated else MISTAKES).items():
         if factor / margin <= ratio <= factor * margin:
             raise SpecError(
                 f"The outline must fit the surface; it is {size:.6g} across and the surface "

@@ -9,17 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pqmesh.errors import FormatError, PqmeshError, SurfaceError
-from pqmesh.io.atomic import PathLike, shown_path
+from pqmesh.io.atomic import PathLike
 from pqmesh.io.choice import Item, choose
-from pqmesh.io.foreign import DAMAGE
+from pqmesh.io.foreign import DAMAGE, far_origin, named
 from pqmesh.io.nurbs import surface_from_nurbs
 from pqmesh.io.rhino_file import RhinoFile, full_knots, open_rhino
 from pqmesh.io.rhino_trims import loops_of_face, rectangle
 from pqmesh.surface.bspline import BSplineSurface
 from pqmesh.vectors import Floats, read_only
-
-# Geometry that lies farther from the origin than this many of its extents is moved there.
-FAR = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +98,7 @@ def read_rhino_surfaces(path: PathLike, select: str | None = None) -> SurfaceFil
         chosen = choose(file.items, file.layers, select, "surface")
         return _built(file, [face for item in chosen for face in _read_faces(file, item)])
     except PqmeshError as error:
-        raise type(error)(f"{shown_path(path)}: {error}") from None
+        raise named(path, error) from None
 
 
 class _Net(NamedTuple):
@@ -132,7 +129,7 @@ class _Face(NamedTuple):
 
 def _built(file: RhinoFile, faces: list[_Face]) -> SurfaceFile:
     """All patches about their common origin."""
-    origin = read_only(_origin(np.concatenate([face.net.points.reshape(-1, 3) for face in faces])))
+    origin = read_only(far_origin(np.concatenate([face.net.points.reshape(-1, 3) for face in faces])))
     patches = []
     for face in faces:
         try:
@@ -151,19 +148,6 @@ def _patch(face: _Face, origin: Floats, tolerance: float) -> Patch:
         loops = loops_of_face(face.face, face.brep.Edges, surface, origin, tolerance)
     frozen = tuple(read_only(loop) for loop in loops)
     return Patch(surface, frozen, face.item.name, face.item.layer, face.number)
-
-
-def _origin(points: Floats) -> Floats:
-    """Whole numbers near the middle of far-away points, zero for near ones.
-
-    Products of coordinates of 5e8 keep eight digits; taking a whole number off loses none.
-    """
-    if not np.isfinite(points).all():
-        return np.zeros(3)
-    low, high = points.min(axis=0), points.max(axis=0)
-    middle = 0.5 * low + 0.5 * high
-    far = float(np.abs(middle).max()) > FAR * float((high - low).max())
-    return np.round(middle) + 0.0 if far else np.zeros(3)
 
 
 def _read_faces(file: RhinoFile, item: Item) -> list[_Face]:

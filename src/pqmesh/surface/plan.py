@@ -16,6 +16,8 @@ from pqmesh.vectors import TINY, Floats, Indices, Mask, cross, norm, unit
 SAMPLES = 48
 # Patches tried for a point: those with the nearest samples.
 TRIED = 3
+# Points on each side of a loop that is the rectangle of a domain.
+SIDE = 96
 # A patch steeper than this against the plan has no plan parameters there.
 STEEPEST = np.cos(np.radians(87.0))
 
@@ -45,17 +47,35 @@ class Patch:
             inside ^= even_odd(loop, uv)
         return inside
 
+    def plan_rings(self) -> tuple[Floats, ...]:
+        """Loops of the face in plan, the outer one first, (n, 2) each."""
+        loops = self.loops or (_bounds(self.surface.domain),)
+        return tuple(self.surface.jet(loop).point[:, :2] for loop in loops)
+
     def outside(self, uv: Floats) -> Floats:
         """How far parameters lie outside the face, in domain sizes; 0 inside. Shape (N,)."""
         distance = np.zeros(len(uv))
         beyond = np.flatnonzero(~self.contains(uv))
-        if len(beyond):
-            size, low = self.surface.domain.size, self.surface.domain.low
-            square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * size + low
-            rings = self.loops or (square,)
-            gaps = [ring_distance(ring / size, uv[beyond] / size) for ring in rings]
-            distance[beyond] = np.min(gaps, axis=0)
+        distance[beyond] = self.from_rim(uv[beyond])
         return distance
+
+    def from_rim(self, uv: Floats) -> Floats:
+        """Distance of parameters from the rim of the face, in domain sizes, shape (N,)."""
+        if not len(uv):
+            return np.empty(0)
+        size, low = self.surface.domain.size, self.surface.domain.low
+        square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * size + low
+        rings = self.loops or (square,)
+        return np.asarray(np.min([ring_distance(ring / size, uv / size) for ring in rings], axis=0))
+
+
+def _bounds(domain: Domain) -> Floats:
+    """The bounds of a domain as a dense ring."""
+    share = np.arange(SIDE) / SIDE
+    zero, one = np.zeros(SIDE), np.ones(SIDE)
+    sides = [(share, zero), (one, share), (1.0 - share, one), (zero, 1.0 - share)]
+    unit_square = np.concatenate([np.column_stack(side) for side in sides])
+    return np.asarray(domain.low + unit_square * domain.size)
 
 
 # Points times edges handled at once.
@@ -157,15 +177,9 @@ class PlanSurface:
     @cached_property
     def domain(self) -> Domain:
         """Plan rectangle around the faces, wider by the margin."""
-        low = self._tree.mins - self._pace - self.margin
-        high = self._tree.maxes + self._pace + self.margin
+        rings = np.concatenate([ring for patch in self.patches for ring in patch.plan_rings()])
+        low, high = rings.min(axis=0) - self.margin, rings.max(axis=0) + self.margin
         return Domain((float(low[0]), float(high[0])), (float(low[1]), float(high[1])))
-
-    @cached_property
-    def _pace(self) -> float:
-        """Typical distance of samples in plan."""
-        distance, _ = self._tree.query(self._tree.data[:: max(len(self._owner) // 500, 1)], k=2)
-        return float(np.median(distance[:, 1]))
 
     def jet(self, uv: Floats) -> Jet:
         """Second-order jet of (x, y, z(x, y)) at plan points (N, 2)."""
@@ -185,11 +199,6 @@ class PlanSurface:
         """Truth for plan points (N, 2) over one of the faces."""
         return np.asarray(self._located(uv)[2] == 0.0)
 
-    def room(self, uv: Floats) -> Floats:
-        """How much further one may go beyond the faces, model unit; negative: too far. (N,)."""
-        distance, _ = self._tree.query(uv)
-        return np.asarray(self.margin + 2.0 * self._pace - distance)
-
     def _heights(self, points: Floats) -> Floats:
         """z, z_x, z_y, z_xx, z_xy, z_yy at plan points, shape (N, 6)."""
         owner, uv, _ = self._located(points)
@@ -201,8 +210,8 @@ class PlanSurface:
 
     def _located(self, points: Floats) -> tuple[Indices, Floats, Floats]:
         """Patch, its parameters, and how far outside its face, for plan points (N, 2)."""
-        _, near = self._tree.query(points, k=min(12, len(self._owner)))
-        near = near.reshape(len(points), -1)
+        count = min(12, len(self._owner))
+        near = self._tree.query(points, k=count)[1].reshape(len(points), count)
         owner = np.full(len(points), -1, dtype=np.int64)
         uv, best = np.zeros((len(points), 2)), np.full(len(points), np.inf)
         owners = self._owner[near]
@@ -330,3 +339,37 @@ def _rim(patch: Patch, samples: int) -> Floats:
     arc = np.concatenate([[0.0], np.cumsum(steps)])
     places = np.linspace(0.0, arc[-1], samples, endpoint=False)
     return np.column_stack([np.interp(places, arc, closed[:, k]) for k in (0, 1)])
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Two faces one above the other: where, as (x, y, z) on the first."""
+
+    first: str
+    second: str
+    place: tuple[float, float, float]
+
+
+def overlaps(surface: PlanSurface, samples: int = 24) -> tuple[Overlap, ...]:
+    """Pairs of faces that lie over the same part of the plan, sampled inside each first face.
+
+    Faces that only meet along a seam do not overlap: samples nearer to the rim of a face than
+    half of their own distance do not count.
+    """
+    found = []
+    for i, first in enumerate(surface.patches):
+        uv = first.surface.domain.grid(samples, samples).reshape(-1, 2)
+        uv = uv[first.contains(uv)]
+        points = first.surface.jet(uv).point
+        for second in surface.patches[i + 1 :]:
+            grid = second.surface.domain.grid(SAMPLES, SAMPLES).reshape(-1, 2)
+            tree = cKDTree(second.surface.jet(grid).point[:, :2])
+            start = grid[tree.query(points[:, :2])[1]]
+            there, solved = _in_plan(second.surface, points[:, :2], start)
+            deep = solved & second.contains(there)
+            rows = np.flatnonzero(deep)
+            deep[rows] = second.from_rim(there[rows]) > 0.5 / samples
+            if deep.any():
+                place = points[int(np.argmax(deep))].tolist()
+                found.append(Overlap(first.name, second.name, (place[0], place[1], place[2])))
+    return tuple(found)

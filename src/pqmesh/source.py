@@ -1,0 +1,306 @@
+"""A design opened: its surface, outline and given curves, in one unit and near the origin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pqmesh.design import LARGEST_LENGTH, Design
+from pqmesh.design_keys import CurvesSpec
+from pqmesh.errors import SpecError, SurfaceError
+from pqmesh.job import Spec
+from pqmesh.io.outlines import plausible_units, read_curves, read_outline
+from pqmesh.network.kinds import Given
+from pqmesh.network.region import PlanOutline
+from pqmesh.source_faces import Faces, faces_of
+from pqmesh.surface.base import Surface
+from pqmesh.surface.extended import extended
+from pqmesh.surface.faces import FaceRegion, plan_rims
+from pqmesh.surface.plan import Patch, PlanSurface, Seam, overlaps, seams
+from pqmesh.surface.regular import check_regular
+from pqmesh.vectors import Floats
+
+# Faces that meet within these are one surface: a gap in shares of the extent, an angle.
+SMOOTH_GAP, SMOOTH_ANGLE = 1e-5, np.radians(0.5)
+# A jump of curvature beyond this share of the largest curvature is worth a word.
+CURVATURE_JUMP = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """What a design is about: everything in the model unit, about an origin near it.
+
+    Attributes
+    ----------
+    design : Design
+        In the model unit.
+    surface : Surface
+    region : FaceRegion or None
+        The faces, where they are less than the whole surface.
+    outline : PlanOutline or None
+    given : Given or None
+        The family that a network starts from.
+    origin : (3,)
+        To be added to all results.
+    notes : tuple of str
+        What a user should know of how the files were read.
+    name : str
+        Of the face, where several are panelled each on its own.
+    """
+
+    design: Design
+    surface: Surface
+    region: FaceRegion | None
+    outline: PlanOutline | None
+    given: Given | None
+    origin: Floats
+    notes: tuple[str, ...] = ()
+    name: str = ""
+
+
+def opened(design: Design, folder: Path) -> tuple[Source, ...]:
+    """The design with its files read: one source, or one a face where faces do not join.
+
+    Parameters
+    ----------
+    design : Design
+    folder : path
+        Where the design's files are sought.
+
+    Raises
+    ------
+    PqmeshError
+        Naming the file, the key or the place on the surface.
+    """
+    faces = faces_of(design.surface, folder)
+    design, stated = _in_one_unit(design, faces)
+    outline = _outline(design, folder, faces.origin)
+    given = _given(design.panels.curves, folder, design.units, faces.origin)
+    sources = []
+    for patches, notes in _groups(faces.patches):
+        surface, region = _surface(patches, design.extend, _rim(design))
+        if outline is not None:
+            points = surface.jet(surface.domain.grid(40, 40).reshape(-1, 2)).point[:, :2]
+            extent = float(np.ptp(points, axis=0).max())
+            plausible_units(outline, extent, design.units, is_stated=stated)
+        name = patches[0].name if len(patches) < len(faces.patches) else ""
+        own, more = _own_outline(outline, patches, region, is_alone=bool(name))
+        sources.append(
+            Source(
+                design, surface, region, own, given, faces.origin, (*notes, *more), name
+            )
+        )
+    return tuple(sources)
+
+
+def spec_of(source: Source, *, flip: bool = False) -> Spec:
+    """What the main job is asked for."""
+    design = source.design
+    return Spec(
+        edges=design.edges,
+        kind=design.panels.kind,
+        network=design.panels.network,
+        given=source.given,
+        distances=tuple(design.distances),
+        boundary=design.boundary.mode,
+        within=design.within,
+        flat=design.flat,
+        flip=flip,
+        most_panels=design.run.most_panels,
+    )
+
+
+def opened_surface(design: Design, folder: Path) -> Surface:
+    """The surface of a design alone, where it must be one; about its origin.
+
+    Raises
+    ------
+    SpecError
+        When its faces do not join, or lie far from the origin.
+    """
+    faces = faces_of(design.surface, folder)
+    groups = _groups(faces.patches)
+    if len(groups) > 1:
+        raise SpecError(
+            f"A reference must be one surface; found {len(groups)} faces that do not join "
+            f"smoothly. Select one of them."
+        )
+    if faces.origin.any():
+        raise SpecError(
+            f"A reference must lie near the origin; this one lies around "
+            f"{faces.origin.tolist()}. Move it and the mesh there."
+        )
+    return _surface(groups[0][0], design.extend, design.extend)[0]
+
+
+def _in_one_unit(design: Design, faces: Faces) -> tuple[Design, bool]:
+    """The design in the unit of its surface, and whether that unit was stated anywhere."""
+    said = design.surface.units
+    if faces.units is None:
+        return design, said is not None
+    if said is not None and said != faces.units:
+        raise SpecError(
+            f"surface.units must agree with the file; the file is in {faces.units} and the design "
+            f"says {said}. Leave units out: the file knows its own."
+        )
+    design = design.in_units(faces.units)
+    # Lengths with a unit of their own are converted only now.
+    _ = design.edges, design.distances, design.tolerances
+    return design, True
+
+
+def _groups(patches: tuple[Patch, ...]) -> list[tuple[tuple[Patch, ...], tuple[str, ...]]]:
+    """Faces that are one surface together, with notes: all of them, or each alone."""
+    if len(patches) == 1:
+        return [(patches, ())]
+    try:
+        joined = PlanSurface(patches)
+    except SurfaceError as error:
+        why = f"the faces cannot be joined over the plan ({error})"
+        return _alone(patches, why)
+    found = overlaps(joined)
+    if found:
+        first = found[0]
+        place = ", ".join(f"{x:.6g}" for x in first.place)
+        raise SpecError(
+            f"Faces must lie side by side in plan; {first.first!r} and {first.second!r} lie on "
+            f"top of each other near ({place}). Select one of them."
+        )
+    met = seams(joined)
+    extent = float(joined.domain.size.max())
+    rough = [s for s in met if s.gap > SMOOTH_GAP * extent or s.angle > SMOOTH_ANGLE]
+    if rough:
+        return _alone(patches, f"the faces do not join smoothly ({_seam(rough[0])})")
+    if len(met) < len(patches) - 1:
+        return _alone(patches, "the faces do not all meet")
+    bend = _largest_bend(joined)
+    notes = [f"{len(patches)} faces joined to one surface"]
+    notes += [
+        f"curvature jumps at a seam ({_seam(s)}): panels across it are less even"
+        for s in met
+        if s.curvature > CURVATURE_JUMP * bend
+    ]
+    return [(patches, tuple(notes))]
+
+
+def _alone(
+    patches: tuple[Patch, ...], why: str
+) -> list[tuple[tuple[Patch, ...], tuple[str, ...]]]:
+    return [((patch,), (f"each face is panelled on its own: {why}",)) for patch in patches]
+
+
+def _seam(seam: Seam) -> str:
+    return (
+        f"{seam.first} and {seam.second}: gap {seam.gap:.3g}, angle "
+        f"{np.degrees(seam.angle):.3g} deg, curvature jump {seam.curvature:.3g}"
+    )
+
+
+def _largest_bend(surface: PlanSurface) -> float:
+    """Largest second derivative of the height at samples of the faces."""
+    uv = surface.domain.grid(40, 40).reshape(-1, 2)
+    jet = surface.jet(uv[surface.contains(uv)])
+    return float(max(np.abs(row[:, 2]).max(initial=0.0) for row in (jet.duu, jet.duv, jet.dvv)))
+
+
+def _rim(design: Design) -> float:
+    """How far joined faces are continued around: three panels and the shift of the layers.
+
+    What is used of it beyond `surface.extend` is cut away with the panels that reach over.
+    """
+    shift = max((abs(d) for d in design.distances), default=0.0)
+    return design.extend + 3.0 * max(design.edges) + shift
+
+
+def _surface(
+    patches: tuple[Patch, ...], extend: float, rim: float
+) -> tuple[Surface, FaceRegion | None]:
+    """One surface of the faces, extended on request, and its region where it is only a part."""
+    if len(patches) > 1:
+        for patch in patches:
+            check_regular(patch.surface)
+        joined = PlanSurface(patches, rim)
+        return joined, FaceRegion(joined, patches, extend)
+    patch = patches[0]
+    check_regular(patch.surface)
+    surface: Surface = patch.surface
+    if extend:
+        surface = extended(surface, extend)
+        check_regular(surface)
+    return surface, FaceRegion(surface, patches, extend) if patch.loops else None
+
+
+def _own_outline(
+    outline: PlanOutline | None,
+    patches: tuple[Patch, ...],
+    region: FaceRegion | None,
+    *,
+    is_alone: bool,
+) -> tuple[PlanOutline | None, tuple[str, ...]]:
+    """The outline to cut by: the one given, the rim of trimmed faces, or both for a face alone."""
+    if region is None and not is_alone:
+        return outline, ()
+    if outline is not None and not is_alone:
+        return outline, ()
+    rims = plan_rims(patches)
+    if rims is None:
+        note = (
+            "the rim of the faces has no simple outline in plan: panels reach over it as whole "
+            "panels"
+        )
+        return outline, (note,)
+    if outline is None:
+        if len(rims) > 1:
+            return None, ("the faces lie apart in plan: panels reach over their rims",)
+        return PlanOutline(*rims[0]), ("no outline given: panels are cut at the rim of the faces",)
+    common = plan_rims(patches, outline)
+    if not common:
+        raise SpecError(
+            f"The outline must lie over each face; it misses {patches[0].name!r}. Select the "
+            f"faces under it."
+        )
+    return PlanOutline(*common[0]), ("the face is cut by its own rim and by the outline",)
+
+
+def _outline(design: Design, folder: Path, origin: Floats) -> PlanOutline | None:
+    """The outline about the origin, from the design or from its file."""
+    spec = design.outline
+    if spec is None:
+        return None
+    if spec.file is not None:
+        return read_outline(folder / spec.file, spec.select, units=design.units, origin=origin)
+    rings = [np.array(ring) for ring in (spec.polygon or [], *spec.holes)]
+    largest = max(float(np.abs(ring).max(initial=0.0)) for ring in rings)
+    if largest > LARGEST_LENGTH:
+        raise SpecError(
+            f"An outline must stay below {LARGEST_LENGTH:g}; found a coordinate of "
+            f"{largest:g}. Check the units."
+        )
+    first, *holes = (ring - origin[:2] if ring.ndim == 2 else ring for ring in rings)
+    return PlanOutline(first, tuple(holes))
+
+
+def _given(
+    spec: CurvesSpec | None, folder: Path, units: str, origin: Floats
+) -> Given | None:
+    """The given family about the origin."""
+    if spec is None:
+        return None
+    curves: tuple[Floats, ...] = ()
+    if spec.file is not None:
+        curves = read_curves(folder / spec.file, spec.select, units=units, origin=origin)
+    for number, rows in enumerate(spec.points or []):
+        if len({len(row) for row in rows}) != 1 or len(rows[0]) not in (2, 3):
+            raise SpecError(
+                f"panels.curves.points must be lists of points [x, y] or [x, y, z]; curve "
+                f"{number} is not. Mend it."
+            )
+        points = np.array(rows, dtype=np.float64)
+        curves += (points - origin[: points.shape[1]],)
+    through = None
+    if spec.through is not None:
+        through = (spec.through[0] - float(origin[0]), spec.through[1] - float(origin[1]))
+    direction = None if spec.direction_deg is None else float(np.radians(spec.direction_deg))
+    return Given(direction, curves, through)
