@@ -9,7 +9,7 @@ import numpy as np
 
 from pqmesh.network.crossings import Crossings
 from pqmesh.network.lines import Lines
-from pqmesh.network.walker import End
+from pqmesh.network.walker import End, Field
 from pqmesh.surface.base import Surface
 from pqmesh.surface.umbilics import conjugacy_defect
 from pqmesh.vectors import Floats, angle
@@ -33,6 +33,8 @@ class CurveNetwork:
     found : Crossings
     kind : str
         A key of `pqmesh.network.kinds.NETWORKS`.
+    fields : (Field, Field), optional
+        What the lines of each family follow.
     focal : tuple of (family, (2,) parameters, (3,) place)
         Where the lines of a geodesic family focus: one entry a line end.
     """
@@ -41,6 +43,7 @@ class CurveNetwork:
     families: tuple[Lines, Lines]
     found: Crossings
     kind: str = "principal"
+    fields: tuple[Field, Field] | None = None
     focal: tuple[Focus, ...] = ()
 
     @cached_property
@@ -50,11 +53,19 @@ class CurveNetwork:
 
     @cached_property
     def slopes(self) -> Floats:
-        """Parameter steps along both families at the crossings, of any length, (N, 2, 2)."""
-        steps = [
-            lines.slope(*lines.locate(self.found.lines[:, family], self.found.arcs[:, family]))
-            for family, lines in enumerate(self.families)
-        ]
+        """Parameter steps along both families at the crossings, of any length, (N, 2, 2).
+
+        Those of the fields where there are any: the slope of dense output is less true by some
+        digits.
+        """
+        jet, steps = self.surface.jet(self.found.uv), []
+        for family, lines in enumerate(self.families):
+            line, arc = self.found.lines[:, family], self.found.arcs[:, family]
+            step = lines.slope(*lines.locate(line, arc))
+            if self.fields is not None:
+                along = jet.du * step[:, :1] + jet.dv * step[:, 1:]
+                step = self.fields[family](self.surface, self.found.uv, along).velocity
+            steps.append(step)
         return np.stack(steps, axis=1)
 
     @cached_property

@@ -12,6 +12,9 @@ from pqmesh.surface.base import Jet, Surface
 from pqmesh.surface.curvature import first_form, second_form, shape_data
 from pqmesh.vectors import TINY, Floats, Mask, cross, norm
 
+# A surface steeper than this against the plan takes no directions from there.
+STEEPEST = np.cos(np.radians(87.0))
+
 
 class Pair(NamedTuple):
     """Two directions at N points.

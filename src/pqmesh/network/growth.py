@@ -137,11 +137,11 @@ class Growth:
         apart = np.diff(new.start) > 0
         if not len(old.arc) or not len(new.arc):
             return apart
-        uv, owner = line_samples(self.patch, new)
+        uv, owner = line_samples(self.patch.surface, new)
         points = self.patch.surface.jet(uv).point
         within = self.patch.inside(uv)
         sines = self.patch.sines(uv)
-        trees = [cKDTree(line_points(self.patch, old))]
+        trees = [cKDTree(line_points(self.patch.surface, old))]
         for line in np.flatnonzero(apart):
             mine = owner == line
             chosen = mine & within if (mine & within).any() else mine

@@ -192,7 +192,7 @@ def served(patch: Patch, crossed: Crossed, marks: Marks, row: Numbered) -> Mask:
         return np.zeros(len(marks), dtype=np.bool_)
     rails, found, family = crossed
     uv, _ = patch.on(rails, marks.rail, marks.arc)
-    aside = cKDTree(line_points(patch, joined([row.lines, row.shadows]))).query(
+    aside = cKDTree(line_points(patch.surface, joined([row.lines, row.shadows]))).query(
         patch.surface.jet(uv).point
     )[0]
     line, rail = found.lines[:, family], found.lines[:, 1 - family]

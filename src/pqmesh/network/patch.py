@@ -60,7 +60,7 @@ class Patch:
     @property
     def size(self) -> float:
         """Diagonal of the bounding box, model unit."""
-        return _size(self.points)
+        return extent(self.points)
 
     def sines(self, uv: Floats) -> Floats:
         """Sines of the angles between the families at parameters inside the domain, (n,).
@@ -99,18 +99,27 @@ class Patch:
 
     def seeds_on(self, rails: Lines, rail: Indices, arc: Floats) -> Seeds:
         """Parameters on rails at given arc lengths, and start directions across them."""
-        uv, along = self.on(rails, rail, arc)
-        normal = shape_data(self.surface.jet(uv)).normal
-        return uv, unit(cross(normal, along))
+        return seeds_across(self.surface, rails, rail, arc)
 
     def on(self, rails: Lines, rail: Indices, arc: Floats) -> tuple[Floats, Floats]:
         """Parameters inside the domain and tangents at arc lengths of lines; closed ones wrap."""
-        total = rails.total[rail]
-        inner = np.where(rails.closed[rail], np.mod(arc, total), np.clip(arc, 0.0, total))
-        segment, theta = rails.locate(rail, inner)
-        uv = self.surface.domain.reduce(rails.at(segment, theta))
-        jet, slope = self.surface.jet(uv), rails.slope(segment, theta)
-        return uv, np.asarray(jet.du * slope[:, :1] + jet.dv * slope[:, 1:])
+        return places_on(self.surface, rails, rail, arc)
+
+
+def places_on(surface: Surface, rails: Lines, rail: Indices, arc: Floats) -> tuple[Floats, Floats]:
+    """Parameters inside the domain and tangents at arc lengths of lines; closed ones wrap."""
+    total = rails.total[rail]
+    inner = np.where(rails.closed[rail], np.mod(arc, total), np.clip(arc, 0.0, total))
+    segment, theta = rails.locate(rail, inner)
+    uv = surface.domain.reduce(rails.at(segment, theta))
+    jet, slope = surface.jet(uv), rails.slope(segment, theta)
+    return uv, np.asarray(jet.du * slope[:, :1] + jet.dv * slope[:, 1:])
+
+
+def seeds_across(surface: Surface, rails: Lines, rail: Indices, arc: Floats) -> Seeds:
+    """Parameters on rails at given arc lengths, and unit tangents at right angles to them."""
+    uv, along = places_on(surface, rails, rail, arc)
+    return uv, unit(cross(shape_data(surface.jet(uv)).normal, along))
 
 
 def principal_patch(surface: Surface, inside: Inside | None) -> Patch:
@@ -124,7 +133,7 @@ def principal_patch(surface: Surface, inside: Inside | None) -> Patch:
     within, uv, jet = sampled(surface, inside)
     shape = shape_data(jet)
     gaps = np.asarray(shape.k[:, 0] - shape.k[:, 1])
-    bend, size = float(np.median(np.abs(shape.k).max(axis=1))), _size(jet.point)
+    bend, size = float(np.median(np.abs(shape.k).max(axis=1))), extent(jet.point)
     if bend * size < 1e-9 or np.median(gaps) <= UMBILIC_GAP * bend:
         bad = int(np.argmin(gaps))
         raise NetworkError(
@@ -168,7 +177,7 @@ def sampled(surface: Surface, inside: Inside | None) -> tuple[Inside, Floats, Je
     return within, uv, surface.jet(uv)
 
 
-def _size(points: Floats) -> float:
+def extent(points: Floats) -> float:
     """Diagonal of the bounding box."""
     return float(np.linalg.norm(np.ptp(points, axis=0)))
 
@@ -203,13 +212,13 @@ def _samples(surface: Surface, inside: Inside) -> Floats:
     return kept
 
 
-def line_samples(patch: Patch, lines: Lines) -> tuple[Floats, Indices]:
+def line_samples(surface: Surface, lines: Lines) -> tuple[Floats, Indices]:
     """Parameters inside the domain on lines, three for each step, and the line of each."""
     segment = np.repeat(np.arange(len(lines.arc)), 3)
     uv = lines.at(segment, np.tile([1 / 6, 0.5, 5 / 6], len(lines.arc)))
-    return patch.surface.domain.reduce(uv), np.asarray(np.repeat(lines.line_of, 3))
+    return surface.domain.reduce(uv), np.asarray(np.repeat(lines.line_of, 3))
 
 
-def line_points(patch: Patch, lines: Lines) -> Floats:
+def line_points(surface: Surface, lines: Lines) -> Floats:
     """Places of the same samples, shape (n, 3)."""
-    return patch.surface.jet(line_samples(patch, lines)[0]).point
+    return surface.jet(line_samples(surface, lines)[0]).point

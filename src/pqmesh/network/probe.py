@@ -107,7 +107,7 @@ class _Cover:
             self.parts[family].append(part)
             if not len(part.arc):
                 continue
-            tree = cKDTree(line_points(self.patch, part))
+            tree = cKDTree(line_points(self.patch.surface, part))
             self.trees[family].append(tree)
             column = self.distance[:, family]
             np.minimum(column, tree.query(self.patch.points)[0] / self.sines, out=column)

@@ -11,7 +11,7 @@ from pqmesh.network.growth import Growth
 from pqmesh.network.lines import Lines
 from pqmesh.network.patch import Patch
 from pqmesh.network.probe import probe_lines
-from pqmesh.network.walker import Limits
+from pqmesh.network.walker import Inside, Limits
 from pqmesh.vectors import Floats
 
 # The probe's lines stand as far apart as the wanted ones, but neither so far that they miss how
@@ -22,10 +22,12 @@ LEAST_STEP = 0.12
 # Local errors of a step in sizes of the region. The probe only measures; dense output of the
 # lines loses two digits against their steps, and 1e-8 is promised.
 _PROBE_TOLERANCE, _TOLERANCE = 1e-7, 5e-11
+# Refuse beyond this many lines in a family.
+MOST_LINES = 4000
 
 
 def spaced_network(
-    kind: str, patch: Patch, edge: tuple[float, float], most_lines: int
+    kind: str, patch: Patch, edge: tuple[float, float], most_lines: int = MOST_LINES
 ) -> CurveNetwork:
     """Network along the directions of a patch, as even as they allow.
 
@@ -53,12 +55,12 @@ def spaced_network(
     """
     # Lines of a family stand apart by the edge along the other family.
     spacing = (float(edge[1]), float(edge[0]))
-    apart, coarse, fine = tracing_limits(patch, spacing)
+    apart, coarse, fine = tracing_limits(patch.size, patch.inside, spacing)
     probe = probe_lines(patch, apart, coarse)
     _check_smooth(probe, coarse, spacing)
     families = Growth(patch, spacing, fine, most_lines).grown(probe)
     found = crossings(patch.surface, *families)
-    return CurveNetwork(patch.surface, families, found, kind)
+    return CurveNetwork(patch.surface, families, found, kind, patch.fields)
 
 
 def check_edge(edge: tuple[float, float]) -> None:
@@ -67,22 +69,27 @@ def check_edge(edge: tuple[float, float]) -> None:
         raise NetworkError(f"Panel edges must be positive lengths; found {edge}. Give two.")
 
 
-def tracing_limits(patch: Patch, spacing: tuple[float, float]) -> tuple[Floats, Limits, Limits]:
-    """Distances of the probe's lines, and limits of tracing for the probe and for the network."""
+def tracing_limits(
+    size: float, inside: Inside, spacing: tuple[float, float]
+) -> tuple[Floats, Limits, Limits]:
+    """Distances of the probe's lines, and limits of tracing for the probe and for the network.
+
+    `size` is that of the region.
+    """
     # Regions smaller than a panel need lines all around them.
-    reach = patch.size + 4.0 * max(spacing)
+    reach = size + 4.0 * max(spacing)
     apart = np.clip(spacing, _PROBE[0] * reach, _PROBE[1] * reach)
     coarse = Limits(
         step=0.7 * float(apart.min()),
         length=4.0 * reach,
-        tolerance=_PROBE_TOLERANCE * patch.size,
+        tolerance=_PROBE_TOLERANCE * size,
         turn=0.75 * float(apart.min()),
-        inside=patch.inside,
-        outside=reach - 0.5 * patch.size,
+        inside=inside,
+        outside=reach - 0.5 * size,
     )
     fine = coarse._replace(
         step=min(0.5 * min(spacing), 0.05 * reach),
-        tolerance=_TOLERANCE * patch.size,
+        tolerance=_TOLERANCE * size,
         turn=0.75 * min(spacing),
     )
     return apart, coarse, fine

@@ -53,6 +53,7 @@ class End(IntEnum):
     OUTSIDE = 6
     SPIRAL = 7
     FOCAL = 8
+    COVERED = 9
 
 
 _ROUND = (End.CLOSED, End.SPIRAL)
