@@ -13,7 +13,7 @@ from pqmesh.network.lines import Lines, joined, selected
 from pqmesh.network.marks import Marks, one_per_level, served, wanted_marks
 from pqmesh.network.numbering import Crossed, Heights, Numbered, even_heights
 from pqmesh.network.patch import Patch, line_points, line_samples
-from pqmesh.network.trace import Limits
+from pqmesh.network.walker import Limits
 from pqmesh.vectors import Mask
 
 # Every round adds lines for some marks and strikes those marks out.
@@ -137,15 +137,16 @@ class Growth:
         apart = np.diff(new.start) > 0
         if not len(old.arc) or not len(new.arc):
             return apart
-        uv, owner = line_samples(self.patch, new)
+        uv, owner = line_samples(self.patch.surface, new)
         points = self.patch.surface.jet(uv).point
         within = self.patch.inside(uv)
-        trees = [cKDTree(line_points(self.patch, old))]
+        sines = self.patch.sines(uv)
+        trees = [cKDTree(line_points(self.patch.surface, old))]
         for line in np.flatnonzero(apart):
             mine = owner == line
             chosen = mine & within if (mine & within).any() else mine
-            distance = np.min([tree.query(points[chosen])[0] for tree in trees], axis=0)
-            apart[line] = np.median(distance) > _CROWDED * spacing
+            distance = np.min(np.stack([tree.query(points[chosen])[0] for tree in trees]), axis=0)
+            apart[line] = np.median(distance / sines[chosen]) > _CROWDED * spacing
             if apart[line]:
                 trees.append(cKDTree(points[mine]))
         return apart

@@ -60,14 +60,7 @@ class Lines:
 
     def slope(self, segment: Indices, theta: Floats) -> Floats:
         """Derivative of `at` with respect to theta, shape (n, 2)."""
-        t = theta[:, None]
-        r = self.coefficients[segment]
-        c4, c5 = r[:, 3], r[:, 4]
-        p = c4 + (1 - t) * c5
-        q = r[:, 2] + t * p
-        dq = p - t * c5
-        s = r[:, 1] + (1 - t) * q
-        return np.asarray(s + t * (-q + (1 - t) * dq))
+        return slopes(self.coefficients[segment], theta)
 
     def locate(self, line: Indices, arc: Floats) -> tuple[Indices, Floats]:
         """Segment and fraction at given arc lengths of given lines."""
@@ -83,6 +76,17 @@ class Lines:
         begin = self.coefficients[segments, 0]
         end = self.at(segments[-1:], np.ones(len(segments[-1:])))
         return np.concatenate([begin, end])
+
+
+def slopes(dense: Floats, theta: Floats) -> Floats:
+    """Derivatives of continuous extensions (n, 5, 2) at fractions (n,), shape (n, 2)."""
+    t, r = theta[:, None], dense
+    c4, c5 = r[:, 3], r[:, 4]
+    p = c4 + (1 - t) * c5
+    q = r[:, 2] + t * p
+    dq = p - t * c5
+    s = r[:, 1] + (1 - t) * q
+    return np.asarray(s + t * (-q + (1 - t) * dq))
 
 
 def joined(parts: list[Lines]) -> Lines:
@@ -110,6 +114,27 @@ def selected(lines: Lines, which: Indices) -> Lines:
         lines.length[rows],
         lines.closed[which],
         lines.ends[which],
+    )
+
+
+def shortened(lines: Lines, low: Floats, high: Floats, reason: int) -> Lines:
+    """The parts of open lines between arc lengths (L,), with a reason for new ends."""
+    first, last = low[lines.line_of], high[lines.line_of]
+    kept = np.flatnonzero((lines.arc + lines.length > first) & (lines.arc < last))
+    arc, length, dense = lines.arc[kept], lines.length[kept], lines.coefficients[kept]
+    begin, finish = np.maximum(arc, first[kept]), np.minimum(arc + length, last[kept])
+    late, soon = begin > arc, finish < arc + length
+    dense[soon] = restricted(dense[soon], (finish - arc)[soon] / length[soon])
+    back = reversed_extension(dense[late])
+    back = restricted(back, (finish - begin)[late] / (finish - arc)[late])
+    dense[late] = reversed_extension(back)
+    counts = np.bincount(lines.line_of[kept], minlength=len(lines))
+    ends = lines.ends.copy()
+    ends[low > 0, 0] = ends[high < lines.total, 1] = reason
+    start = np.concatenate([[0], np.cumsum(counts)])
+    begin = begin - np.maximum(first[kept], 0.0)
+    return Lines(
+        start, dense, begin, finish - arc - np.maximum(first[kept] - arc, 0.0), lines.closed, ends
     )
 
 

@@ -11,8 +11,7 @@ from scipy.spatial import cKDTree
 from pqmesh.network.lines import Lines, joined
 from pqmesh.network.numbering import Crossed, Heights, Numbered, Pieces, pieces
 from pqmesh.network.patch import Patch, line_points
-from pqmesh.surface.curvature import shape_data
-from pqmesh.vectors import Floats, Indices, Mask, dot, norm, unit
+from pqmesh.vectors import Floats, Indices, Mask, norm
 
 # A mark is served by a line that passes within this many panels of it ...
 _SERVED = 0.6
@@ -66,7 +65,7 @@ def wanted_marks(patch: Patch, crossed: Crossed, heights: Heights, edge: float) 
     if heights.period:
         level = np.mod(marks.level, round(heights.period))
         marks = replace(marks, level=np.where(marks.level < _NAMELESS, level, marks.level))
-    return marks.only(_needed(patch, crossed.rails, marks, edge))
+    return marks.only(_needed(patch, crossed, marks, edge))
 
 
 def _together(parts: list[Marks]) -> Marks:
@@ -171,20 +170,18 @@ def _tail(height: float, panel: float, room: float) -> tuple[Floats, Floats, Flo
     return (start + np.arange(count))[kept], distance[kept], sizes[kept]
 
 
-def _needed(patch: Patch, rails: Lines, marks: Marks, across: float) -> Mask:
+def _needed(patch: Patch, crossed: Crossed, marks: Marks, across: float) -> Mask:
     """Marks with a point of the region within a panel."""
-    uv, along = patch.on(rails, marks.rail, marks.arc)
+    uv, along = patch.on(crossed.rails, marks.rail, marks.arc)
     jet = patch.surface.jet(uv)
-    shape = shape_data(jet)
-    cos = dot(unit(along)[:, None], shape.directions)
+    axes = patch.axes(uv, along, crossed.family)
     # A region smaller than a panel slips through the grid of 5 x 5 points around a mark.
     needed = np.asarray(cKDTree(patch.points).query(jet.point)[0] < marks.panel)
     for a in np.linspace(-1.0, 1.0, 5):
         for b in np.linspace(-1.0, 1.0, 5):
             rest = np.flatnonzero(~needed)
-            weights = a * marks.panel[rest, None] * cos[rest]
-            weights += b * across * np.stack([-cos[rest, 1], cos[rest, 0]], 1)
-            aside = uv[rest] + np.einsum("nf,nfi->ni", weights, shape.directions_uv[rest])
+            aside = uv[rest] + a * marks.panel[rest, None] * axes[rest, 0]
+            aside += b * across * axes[rest, 1]
             needed[rest] = patch.inside(patch.surface.domain.reduce(aside))
     return needed
 
@@ -195,7 +192,7 @@ def served(patch: Patch, crossed: Crossed, marks: Marks, row: Numbered) -> Mask:
         return np.zeros(len(marks), dtype=np.bool_)
     rails, found, family = crossed
     uv, _ = patch.on(rails, marks.rail, marks.arc)
-    aside = cKDTree(line_points(patch, joined([row.lines, row.shadows]))).query(
+    aside = cKDTree(line_points(patch.surface, joined([row.lines, row.shadows]))).query(
         patch.surface.jet(uv).point
     )[0]
     line, rail = found.lines[:, family], found.lines[:, 1 - family]
@@ -209,6 +206,7 @@ def served(patch: Patch, crossed: Crossed, marks: Marks, row: Numbered) -> Mask:
     n = len(names)
     mine, wanted = rail * n + names[line], marks.rail * n + names[len(row.levels) :]
     along = _distance(mine, arc, wanted, marks.arc)
+    aside = aside / patch.sines(uv)
     return np.asarray((aside < _SERVED * marks.panel) | (along < _SERVED_BY_NAME * marks.panel))
 
 

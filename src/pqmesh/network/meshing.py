@@ -9,8 +9,9 @@ import numpy as np
 from pqmesh.errors import NetworkError
 from pqmesh.mesh.measure import corner_angles
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
-from pqmesh.network.principal import CurveNetwork, Inside
+from pqmesh.network.curves import CurveNetwork
 from pqmesh.network.quads import cells, filled, manifold_part, touching
+from pqmesh.network.walker import Inside
 from pqmesh.surface.curvature import shape_data
 from pqmesh.vectors import Floats, Indices, Mask, dot, norm, unit
 

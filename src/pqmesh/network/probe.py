@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from pqmesh.network.lines import Lines, joined
 from pqmesh.network.patch import Patch, Seeds, line_points
-from pqmesh.network.trace import Limits
+from pqmesh.network.walker import Limits
 from pqmesh.vectors import Floats, Mask, norm
 
 # Every round serves its own sample at least; more than this only refine a ragged rest.
@@ -27,7 +27,7 @@ def probe_lines(patch: Patch, spacing: Floats, limits: Limits) -> tuple[Lines, L
         worst = cover.worst()
         if worst is None:
             break
-        uv, directions = patch.uv[worst : worst + 1], patch.shape.directions[worst : worst + 1]
+        uv, directions = patch.uv[worst : worst + 1], patch.directions[worst : worst + 1]
         cross_lines = patch.traced(((uv, directions[:, 0]), (uv, directions[:, 1])), limits)
         seeds = [cover.seeds(worst, family, cross_lines[1 - family]) for family in (0, 1)]
         cover.add(patch.traced((seeds[0], seeds[1]), limits))
@@ -36,20 +36,24 @@ def probe_lines(patch: Patch, spacing: Floats, limits: Limits) -> tuple[Lines, L
 
 
 class _Cover:
-    """Lines traced so far, and the distance of every sample from each family."""
+    """Lines traced so far, and the distance of every sample from each family.
+
+    Distances are measured along the other family, as panels are.
+    """
 
     def __init__(self, patch: Patch, spacing: Floats) -> None:
         self.patch, self.spacing = patch, spacing
         self.parts: tuple[list[Lines], list[Lines]] = ([], [])
         self.distance = np.full((len(patch.uv), 2), np.inf)
-        self.distance[patch.gaps <= 10.0 * patch.least_gap] = 0.0
+        self.distance[patch.weak] = 0.0
+        self.sines = patch.sines(patch.uv)
         self.trees: list[list[cKDTree]] = [[], []]
 
     def worst(self) -> int | None:
         """The sample in greatest need of a line; the most central one to begin with."""
         need = (self.distance / self.spacing).max(axis=1)
         if np.isinf(need).any():
-            clear = np.isinf(need) & (self.patch.gaps >= 0.5 * np.median(self.patch.gaps))
+            clear = np.isinf(need) & self.patch.clear
             clear = clear if clear.any() else np.isinf(need)
             away = norm(self.patch.points - self.patch.points.mean(axis=0))
             return int(np.where(clear, away, np.inf).argmin())
@@ -60,7 +64,7 @@ class _Cover:
         """Seeds of a family at equal steps along a line of the other one, where lines lack."""
         spacing, total = float(self.spacing[family]), float(rail.total[0])
         uv = self.patch.uv[worst : worst + 1]
-        start = self.patch.shape.directions[worst : worst + 1, family]
+        start = self.patch.directions[worst : worst + 1, family]
         if total > 0.0:
             aside = norm(rail.joints(0) - uv)
             here = float(np.append(rail.arc, total)[aside.argmin()])
@@ -92,8 +96,9 @@ class _Cover:
         """Places at least half a step from every line of the family."""
         points = self.patch.surface.jet(uv).point
         free = np.ones(len(uv), dtype=np.bool_)
+        apart = 0.5 * self.spacing[family] * self.patch.sines(uv)
         for tree in self.trees[family]:
-            free &= tree.query(points)[0] > 0.5 * self.spacing[family]
+            free &= tree.query(points)[0] > apart
         return free
 
     def add(self, lines: tuple[Lines, Lines]) -> None:
@@ -102,7 +107,7 @@ class _Cover:
             self.parts[family].append(part)
             if not len(part.arc):
                 continue
-            tree = cKDTree(line_points(self.patch, part))
+            tree = cKDTree(line_points(self.patch.surface, part))
             self.trees[family].append(tree)
             column = self.distance[:, family]
-            np.minimum(column, tree.query(self.patch.points)[0], out=column)
+            np.minimum(column, tree.query(self.patch.points)[0] / self.sines, out=column)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pqmesh.errors import SpecError
-from pqmesh.network.principal import Inside
+from pqmesh.network.walker import Inside
 from pqmesh.surface.base import Surface
 from pqmesh.surface.plan import even_odd, ring_distance
 from pqmesh.vectors import Floats, Mask, read_only
