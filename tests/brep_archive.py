@@ -123,8 +123,10 @@ def archive_bytes(vertices: np.ndarray, edges: Sequence[Edge], faces: Sequence[F
             [_trim(i, trim, edges[trim.edge], len(uses[trim.edge]), loop)]
             for i, (loop, trim) in enumerate(trims)
         ),
-        _list(_loop(i, loops[i][:2], [t for t, (k, _) in enumerate(trims) if k == i])
-              for i in range(len(loops))),
+        _list(
+            _loop(i, loops[i][:2], [t for t, (k, _) in enumerate(trims) if k == i])
+            for i in range(len(loops))
+        ),
         _faces(faces, loops),
         _doubles(points.min(axis=0), points.max(axis=0)),
         no_meshes,
