@@ -23,9 +23,6 @@ ANONYMOUS = 0x40008000
 CURVE = uuid.UUID("4ed7d4dd-e947-11d3-bfe5-0010830122f0")
 SURFACE = uuid.UUID("4ed7d4de-e947-11d3-bfe5-0010830122f0")
 BREP = uuid.UUID("60b5dbc5-e660-11d3-bfe4-0010830122f0")
-# The layout written here is that of files of Rhino 6.
-ARCHIVE = {"version": 10000, "archive3dm": 60, "opennurbs": -1869833980}
-
 NOT_ISO, WEST, SOUTH, EAST, NORTH = 0, 3, 4, 5, 6
 BOUNDARY, MATED = 1, 2
 OUTER, INNER = 1, 2
@@ -84,7 +81,14 @@ class Face:
 def brep(vertices: np.ndarray, edges: Sequence[Edge], faces: Sequence[Face]) -> Any:
     """The Brep of rhino3dm, decoded."""
     data = archive_bytes(vertices, edges, faces)
-    return rhino3dm.CommonObject.Decode(ARCHIVE | {"data": base64.b64encode(data).decode()})
+    # The layout written here is that of Rhino 6; the number of openNURBS is the library's own.
+    made_by = rhino3dm.Point(rhino3dm.Point3d(0, 0, 0)).Encode()["opennurbs"]
+    return rhino3dm.CommonObject.Decode(
+        {
+            **{"version": 10000, "archive3dm": 60, "opennurbs": made_by},
+            "data": base64.b64encode(data).decode(),
+        }
+    )
 
 
 @dataclass
@@ -114,7 +118,7 @@ def archive_bytes(vertices: np.ndarray, edges: Sequence[Edge], faces: Sequence[F
     no_meshes = Chunk(ANONYMOUS, [bytes(len(faces))])
     parts = [
         b"\x33",
-        _list([b"".join([_ints(1)]), _curve(trim.curve)] for _, trim in trims),
+        _list([_ints(1), _curve(trim.curve)] for _, trim in trims),
         _list([_ints(1), _curve(edge.curve)] for edge in edges),
         _list([_ints(1), _surface(face.net)] for face in faces),
         _list([_vertex(i, point, edges)] for i, point in enumerate(vertices)),

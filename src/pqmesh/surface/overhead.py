@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from pqmesh.errors import SurfaceError
 from pqmesh.surface.face import Patch
@@ -97,6 +98,36 @@ def face_samples(number: int, patch: Patch) -> Samples:
     pace = np.hypot(norm(jet[1, :, :2]) * step[0], norm(jet[2, :, :2]) * step[1])
     cell = np.repeat(step[None], len(uv), axis=0)
     return Samples(np.full(len(uv), number), uv, jet, cell, pace, deep)
+
+
+def check_side_by_side(parts: tuple[Samples, ...], patches: tuple[Patch, ...]) -> None:
+    """Nothing, once no sample of a face stands over the inner samples of another.
+
+    Overlaps narrower than about two cells are not seen.
+
+    Raises
+    ------
+    SurfaceError
+        Naming both faces and a place.
+    """
+    trees = [cKDTree(part.jet[0, :, :2]) for part in parts]
+    for i, mine in enumerate(parts):
+        points = mine.jet[0, :, :2]
+        for j, theirs in enumerate(parts):
+            low, high = trees[j].mins, trees[j].maxes
+            rows = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
+            if i == j or not len(rows):
+                continue
+            near = theirs.rows(np.asarray(trees[j].query(points[rows])[1], dtype=np.int64))
+            step = plan_step(near.jet, points[rows], patches[j].surface.domain.size)
+            over = near.is_deep & (np.abs(step) <= near.cell).all(axis=1)
+            if over.any():
+                place = np.round(mine.jet[0, rows[int(over.argmax())]], 4).tolist()
+                raise SurfaceError(
+                    f"Faces that are joined to one surface must stand side by side in plan; face "
+                    f"{i} {patches[i].name!r} lies over face {j} {patches[j].name!r} near {place}. "
+                    "Select one of them."
+                )
 
 
 def in_plan(patch: Patch, points: Floats, start: Floats) -> tuple[Floats, Floats, Mask]:

@@ -14,7 +14,14 @@ from pqmesh.surface.base import Domain, Jet
 from pqmesh.surface.face import Patch as Patch
 from pqmesh.surface.face import even_odd as even_odd
 from pqmesh.surface.face import ring_distance as ring_distance
-from pqmesh.surface.overhead import Samples, face_samples, graph_jet, in_plan, plan_step
+from pqmesh.surface.overhead import (
+    Samples,
+    check_side_by_side,
+    face_samples,
+    graph_jet,
+    in_plan,
+    plan_step,
+)
 from pqmesh.vectors import Floats, Indices, Mask, norm, unit
 
 # Loops of neighbours may follow their common edge this differently, in domain sizes.
@@ -43,7 +50,7 @@ class PlanSurface:
     Raises
     ------
     SurfaceError
-        When a patch stands upright or turns over, seen from above.
+        When a face stands upright or turns over, seen from above, or lies over another.
 
     References: implicit function theorem; seams as in [thesis] chapter 7 (roofs of several faces).
 
@@ -63,6 +70,7 @@ class PlanSurface:
 
     def __post_init__(self) -> None:
         starts = tuple(face_samples(number, patch) for number, patch in enumerate(self.patches))
+        check_side_by_side(starts, self.patches)
         object.__setattr__(self, "starts", starts)
 
     @cached_property
