@@ -113,8 +113,12 @@ class PlanSurface:
 
     def room(self, uv: Floats) -> Floats:
         """How much further one may go beyond the faces, model unit; negative: too far. (N,)."""
-        distance, near = _nearest(self._tree, uv)
-        return np.asarray(self.margin + 1.5 * self._all.pace[near] - distance)
+        best = np.full(len(uv), -np.inf)
+        # Each face reckons with the spacing of its own samples.
+        for tree, samples in zip(self.trees, self.starts, strict=True):
+            distance, near = _nearest(tree, uv)
+            np.maximum(best, 1.5 * samples.pace[near] - distance, out=best)
+        return np.asarray(best + self.margin)
 
     def _located(self, points: Floats) -> _Places:
         """Where plan points (N, 2) lie: on the face that contains them, or the nearest."""
