@@ -213,10 +213,10 @@ def _one_roof(
     from pqmesh.job import panelize as run
     from pqmesh.report import failed, panelization_report
     from pqmesh.results import figures_available, write_panelization
-    from pqmesh.source import spec_of
+    from pqmesh.source import placed, spec_of
 
     read = time.perf_counter() - began
-    with _progress() as tell:
+    with _progress() as tell, placed(source.origin):
         result = run(source.surface, spec_of(source, flip=flip), source.outline, tell, source.region)
         report = panelization_report(
             result, source=name, design=source.design, origin=source.origin, notes=source.notes

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +11,7 @@ import numpy as np
 
 from pqmesh.design import LARGEST_LENGTH, Design
 from pqmesh.design_keys import CurvesSpec
-from pqmesh.errors import SpecError, SurfaceError
+from pqmesh.errors import PqmeshError, SpecError, SurfaceError
 from pqmesh.job import Spec
 from pqmesh.io.outlines import plausible_units, read_curves, read_outline
 from pqmesh.network.kinds import Given
@@ -18,7 +20,8 @@ from pqmesh.source_faces import Faces, faces_of
 from pqmesh.surface.base import Surface
 from pqmesh.surface.extended import extended
 from pqmesh.surface.faces import FaceRegion, plan_rims
-from pqmesh.surface.plan import Patch, PlanSurface, Seam, overlaps, seams
+from pqmesh.surface.face import Patch
+from pqmesh.surface.plan import PlanSurface, Seam, seams
 from pqmesh.surface.regular import check_regular
 from pqmesh.vectors import Floats
 
@@ -75,6 +78,24 @@ def opened(design: Design, folder: Path) -> tuple[Source, ...]:
         Naming the file, the key or the place on the surface.
     """
     faces = faces_of(design.surface, folder)
+    with placed(faces.origin):
+        return _opened(design, folder, faces)
+
+
+@contextmanager
+def placed(origin: Floats) -> Iterator[None]:
+    """Errors raised inside name places about an origin: say which, where it is a far one."""
+    try:
+        yield
+    except PqmeshError as error:
+        if not origin.any():
+            raise
+        base = ", ".join(f"{x:.12g}" for x in origin)
+        raise type(error)(f"{error} (Places count from ({base}).)") from None
+
+
+def _opened(design: Design, folder: Path, faces: Faces) -> tuple[Source, ...]:
+    """The sources of faces."""
     design, stated = _in_one_unit(design, faces)
     outline = _outline(design, folder, faces.origin)
     given = _given(design.panels.curves, folder, design.units, faces.origin)
@@ -160,14 +181,6 @@ def _groups(patches: tuple[Patch, ...]) -> list[tuple[tuple[Patch, ...], tuple[s
     except SurfaceError as error:
         why = f"the faces cannot be joined over the plan ({error})"
         return _alone(patches, why)
-    found = overlaps(joined)
-    if found:
-        first = found[0]
-        place = ", ".join(f"{x:.6g}" for x in first.place)
-        raise SpecError(
-            f"Faces must lie side by side in plan; {first.first!r} and {first.second!r} lie on "
-            f"top of each other near ({place}). Select one of them."
-        )
     met = seams(joined)
     extent = float(joined.domain.size.max())
     rough = [s for s in met if s.gap > SMOOTH_GAP * extent or s.angle > SMOOTH_ANGLE]

@@ -74,7 +74,7 @@ def choose(
         if any(item.kind == kind for item in found):
             _refuse_blocks(found, select)
             return [item for item in found if item.kind == kind]
-    found = on_layer + named
+    found = on_layer + [item for item in named if item.layer != layer]
     if found:
         _refuse_blocks(found, select)
         raise SpecError(

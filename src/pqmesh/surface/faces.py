@@ -11,7 +11,8 @@ import numpy as np
 
 from pqmesh.errors import SurfaceError
 from pqmesh.surface.base import Surface
-from pqmesh.surface.plan import Patch, PlanSurface, ring_distance
+from pqmesh.surface.face import Patch, ring_distance
+from pqmesh.surface.plan import PlanSurface
 from pqmesh.vectors import Floats, Mask
 
 # Rims of neighbouring faces that are this near, in extents, are one seam: twice what trim loops

@@ -1,114 +1,31 @@
-"""Several patches that stand side by side over the plan, as one surface of x and y."""
+"""Several faces that stand side by side over the plan, as one surface of x and y."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pqmesh.errors import SurfaceError
-from pqmesh.surface.base import Domain, Jet, Surface
-from pqmesh.vectors import TINY, Floats, Indices, Mask, cross, norm, unit
+from pqmesh.surface.base import Domain, Jet
+from pqmesh.surface.face import Patch as Patch
+from pqmesh.surface.face import even_odd as even_odd
+from pqmesh.surface.face import ring_distance as ring_distance
+from pqmesh.surface.overhead import (
+    Samples,
+    check_side_by_side,
+    face_samples,
+    graph_jet,
+    in_plan,
+    plan_step,
+)
+from pqmesh.vectors import Floats, Indices, Mask, norm, unit
 
-# Samples of each patch in each direction: starts for Newton's method in plan.
-SAMPLES = 48
-# Patches tried for a point: those with the nearest samples.
-TRIED = 3
-# Points on each side of a loop that is the rectangle of a domain.
-SIDE = 96
-# A patch steeper than this against the plan has no plan parameters there.
-STEEPEST = np.cos(np.radians(87.0))
-
-
-@dataclass(frozen=True, eq=False)
-class Patch:
-    """A parametric surface with the loops that bound its face in the parameter plane.
-
-    Attributes
-    ----------
-    surface : Surface
-    loops : tuple of (n, 2)
-        Outer loop and holes, not closed by repetition; none for the whole domain.
-    name : str
-    """
-
-    surface: Surface
-    loops: tuple[Floats, ...] = ()
-    name: str = ""
-
-    def contains(self, uv: Floats) -> Mask:
-        """Truth for parameters (N, 2) inside the face: even-odd over its loops."""
-        if not self.loops:
-            return self.surface.domain.inside(uv, 1e-12)
-        inside = np.zeros(len(uv), dtype=np.bool_)
-        for loop in self.loops:
-            inside ^= even_odd(loop, uv)
-        return inside
-
-    def plan_rings(self) -> tuple[Floats, ...]:
-        """Loops of the face in plan, the outer one first, (n, 2) each."""
-        loops = self.loops or (_bounds(self.surface.domain),)
-        return tuple(self.surface.jet(loop).point[:, :2] for loop in loops)
-
-    def outside(self, uv: Floats) -> Floats:
-        """How far parameters lie outside the face, in domain sizes; 0 inside. Shape (N,)."""
-        distance = np.zeros(len(uv))
-        beyond = np.flatnonzero(~self.contains(uv))
-        distance[beyond] = self.from_rim(uv[beyond])
-        return distance
-
-    def from_rim(self, uv: Floats) -> Floats:
-        """Distance of parameters from the rim of the face, in domain sizes, shape (N,)."""
-        if not len(uv):
-            return np.empty(0)
-        size, low = self.surface.domain.size, self.surface.domain.low
-        square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * size + low
-        rings = self.loops or (square,)
-        return np.asarray(np.min([ring_distance(ring / size, uv / size) for ring in rings], axis=0))
-
-
-def _bounds(domain: Domain) -> Floats:
-    """The bounds of a domain as a dense ring."""
-    share = np.arange(SIDE) / SIDE
-    zero, one = np.zeros(SIDE), np.ones(SIDE)
-    sides = [(share, zero), (one, share), (1.0 - share, one), (zero, 1.0 - share)]
-    unit_square = np.concatenate([np.column_stack(side) for side in sides])
-    return np.asarray(domain.low + unit_square * domain.size)
-
-
-# Points times edges handled at once.
-_BLOCK = 1_000_000
-
-
-def even_odd(ring: Floats, points: Floats) -> Mask:
-    """Truth for points (N, 2) inside a ring (n, 2)."""
-    x0, y0 = ring.T
-    x1, y1 = np.roll(ring, -1, axis=0).T
-    level = np.where(y1 == y0, 1.0, y1 - y0)
-    low, high = np.minimum(y0, y1), np.maximum(y0, y1)
-    inside = np.zeros(len(points), dtype=np.bool_)
-    step = max(_BLOCK // len(ring), 1)
-    for first in range(0, len(points), step):
-        x, y = points[first : first + step, :1], points[first : first + step, 1:2]
-        crosses = (y >= low) & (y < high) & (x < x0 + (y - y0) * (x1 - x0) / level)
-        inside[first : first + step] = crosses.sum(axis=1) % 2 == 1
-    return inside
-
-
-def ring_distance(ring: Floats, points: Floats) -> Floats:
-    """Distance of points (N, 2) to a closed polyline."""
-    along = np.roll(ring, -1, axis=0) - ring
-    square = np.maximum((along**2).sum(axis=1), TINY)
-    best = np.empty(len(points))
-    step = max(_BLOCK // len(ring), 1)
-    for first in range(0, len(points), step):
-        offset = points[first : first + step, None] - ring
-        share = np.clip((offset * along).sum(axis=2) / square, 0.0, 1.0)
-        gap = offset - share[..., None] * along
-        best[first : first + step] = np.sqrt((gap**2).sum(axis=2)).min(axis=1)
-    return best
+# Loops of neighbours may follow their common edge this differently, in domain sizes.
+RIM = 1.5e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,10 +42,17 @@ class PlanSurface:
     margin : float, model unit
         How far beyond the faces the surface may be used (its continuation); lines end there.
 
+    Attributes
+    ----------
+    starts : tuple of Samples
+        Of each face, to start Newton's method from.
+
     Raises
     ------
     SurfaceError
-        When a patch stands upright or turns over, seen from above.
+        When a face stands upright or turns over, seen from above.
+    SpecError
+        When a face lies over another.
 
     References: implicit function theorem; seams as in [thesis] chapter 7 (roofs of several faces).
 
@@ -144,35 +68,32 @@ class PlanSurface:
 
     patches: tuple[Patch, ...]
     margin: float = 0.0
-    _tree: cKDTree = field(init=False, repr=False)
-    _owner: Indices = field(init=False, repr=False)
-    _start: Floats = field(init=False, repr=False)
+    starts: tuple[Samples, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        places, owners, starts = [], [], []
-        for number, patch in enumerate(self.patches):
-            uv = patch.surface.domain.grid(SAMPLES, SAMPLES).reshape(-1, 2)
-            uv = uv[patch.contains(uv)]
-            if not len(uv):
-                raise SurfaceError(
-                    f"A face must enclose part of its surface; face {number} "
-                    f"{patch.name!r} does not. Rebuild its trim curves."
-                )
-            jet = patch.surface.jet(uv)
-            upright = unit(cross(jet.du, jet.dv))[:, 2]
-            if np.abs(upright).min() < STEEPEST or np.ptp(np.sign(upright)) > 0:
-                worst = int(np.abs(upright).argmin())
-                raise SurfaceError(
-                    f"Faces that are joined to one surface must be seen from above; face {number} "
-                    f"{patch.name!r} stands upright or turns over near "
-                    f"{np.round(jet.point[worst], 4).tolist()}. Panel it on its own."
-                )
-            places.append(jet.point[:, :2])
-            owners.append(np.full(len(uv), number))
-            starts.append(uv)
-        object.__setattr__(self, "_tree", cKDTree(np.concatenate(places)))
-        object.__setattr__(self, "_owner", np.concatenate(owners))
-        object.__setattr__(self, "_start", np.concatenate(starts))
+        starts = tuple(face_samples(number, patch) for number, patch in enumerate(self.patches))
+        check_side_by_side(starts, self.patches)
+        object.__setattr__(self, "starts", starts)
+
+    @cached_property
+    def trees(self) -> tuple[cKDTree, ...]:
+        """Plan points of the samples of each face, to look up the nearest."""
+        return tuple(cKDTree(part.jet[0, :, :2]) for part in self.starts)
+
+    @cached_property
+    def _all(self) -> Samples:
+        """Samples of all faces."""
+        return Samples.joined(self.starts)
+
+    @cached_property
+    def _sizes(self) -> Floats:
+        """Sizes of the domains, one row a face."""
+        return np.array([patch.surface.domain.size for patch in self.patches])
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        """Plan points of all samples."""
+        return cKDTree(self._all.jet[0, :, :2])
 
     @cached_property
     def domain(self) -> Domain:
@@ -183,99 +104,99 @@ class PlanSurface:
 
     def jet(self, uv: Floats) -> Jet:
         """Second-order jet of (x, y, z(x, y)) at plan points (N, 2)."""
-        n = len(uv)
-        zero, one = np.zeros(n), np.ones(n)
-        z = self._heights(uv)
-        return Jet(
-            np.column_stack([uv, z[:, 0]]),
-            np.column_stack([one, zero, z[:, 1]]),
-            np.column_stack([zero, one, z[:, 2]]),
-            np.column_stack([zero, zero, z[:, 3]]),
-            np.column_stack([zero, zero, z[:, 4]]),
-            np.column_stack([zero, zero, z[:, 5]]),
-        )
+        out = np.zeros((6, len(uv), 3))
+        out[0, :, :2], out[1, :, 0], out[2, :, 1] = uv, 1.0, 1.0
+        out[..., 2] = graph_jet(self._located(uv).jet).T
+        return Jet(*out)
 
     def contains(self, uv: Floats) -> Mask:
-        """Truth for plan points (N, 2) over one of the faces."""
-        return np.asarray(self._located(uv)[2] == 0.0)
+        """Truth for plan points (N, 2) over one of the faces, or in a crack between them."""
+        return np.asarray(self._located(uv).outside <= RIM)
 
-    def _heights(self, points: Floats) -> Floats:
-        """z, z_x, z_y, z_xx, z_xy, z_yy at plan points, shape (N, 6)."""
-        owner, uv, _ = self._located(points)
-        result = np.empty((len(points), 6))
-        for number in np.unique(owner).tolist():
-            rows = owner == number
-            result[rows] = _graph_jet(self.patches[number].surface.jet(uv[rows]))
-        return result
+    def _located(self, points: Floats) -> _Places:
+        """Where plan points (N, 2) lie: on the face that contains them, or the nearest."""
+        n = len(points)
+        places = _Places(np.full(n, -1), np.empty((6, n, 3)), np.full(n, np.inf))
+        near, start = self._guessed(points)
+        for number in np.unique(near.owner).tolist():
+            rows = np.flatnonzero(near.owner == number)
+            self._place(places, _Trial(number, rows, near.rows(rows), start[rows]), points)
+        # A guess is rarely so wrong that another face must be tried as well.
+        for trial in self._beside(points, places.owner, places.outside > RIM):
+            self._place(places, trial, points)
+        return places
 
-    def _located(self, points: Floats) -> tuple[Indices, Floats, Floats]:
-        """Patch, its parameters, and how far outside its face, for plan points (N, 2)."""
-        count = min(12, len(self._owner))
-        near = self._tree.query(points, k=count)[1].reshape(len(points), count)
-        owner = np.full(len(points), -1, dtype=np.int64)
-        uv, best = np.zeros((len(points), 2)), np.full(len(points), np.inf)
-        owners = self._owner[near]
-        for number in range(len(self.patches)):
-            seen = owners == number
-            rows = np.flatnonzero(seen.any(axis=1) & (best > 0))
+    def _guessed(self, points: Floats) -> tuple[Samples, Floats]:
+        """The sample to start from for each point, and the parameters it leads to."""
+        near = self._all.rows(_nearest(self._tree, points)[1])
+        start = near.uv + plan_step(near.jet, points, self._sizes[near.owner])
+        away = np.zeros(len(points))
+        unsure = np.flatnonzero(~near.is_deep)
+        for number in np.unique(near.owner[unsure]).tolist():
+            rows = unsure[near.owner[unsure] == number]
+            away[rows] = self.patches[number].outside(start[rows])
+        for number, rows, other, begin in self._beside(points, near.owner, away > 0.0):
+            gap = self.patches[number].outside(begin)
+            better = gap < away[rows]
+            chosen = rows[better]
+            near.put(chosen, other.rows(better))
+            start[chosen], away[chosen] = begin[better], gap[better]
+        return near, start
+
+    def _beside(self, points: Floats, owner: Indices, wanted: Mask) -> Iterator[_Trial]:
+        """Other faces than the owner that have samples near points wanted."""
+        missed = np.flatnonzero(wanted)
+        owner = owner[missed]
+        for number, samples in enumerate(self.starts):
+            rows = missed[owner != number]
             if not len(rows):
                 continue
-            patch = self.patches[number]
-            start = self._start[near[rows, seen[rows].argmax(axis=1)]]
-            found, solved = _in_plan(patch.surface, points[rows], start)
-            away = np.where(solved, patch.outside(found), 1e6)
-            better = away < best[rows]
-            chosen = rows[better]
-            owner[chosen], uv[chosen], best[chosen] = number, found[better], away[better]
-        return owner, uv, best
+            distance, index = _nearest(self.trees[number], points[rows])
+            close = distance <= 3.0 * samples.pace[index] + self.margin
+            if close.any():
+                rows, near = rows[close], samples.rows(index[close])
+                step = plan_step(near.jet, points[rows], self._sizes[number])
+                yield _Trial(number, rows, near, near.uv + step)
+
+    def _place(self, places: _Places, trial: _Trial, points: Floats) -> None:
+        """Put points onto a face where they lie better on it than where they were put before."""
+        number, rows, near, start = trial
+        patch = self.patches[number]
+        uv, jet, solved = in_plan(patch, points[rows], start)
+        away = np.where(solved, 0.0, np.inf)
+        # Within a cell of a sample that has the rim beyond its cell nothing needs a test.
+        sure = near.is_deep & (np.abs(uv - near.uv) <= near.cell).all(axis=1)
+        unsure = np.flatnonzero(~sure & solved)
+        if len(unsure):
+            away[unsure] = patch.outside(uv[unsure])
+        better = (away < places.outside[rows]) | (places.owner[rows] < 0)
+        chosen = rows[better]
+        places.owner[chosen] = number
+        places.jet[:, chosen] = jet[:, better]
+        places.outside[chosen] = away[better]
 
 
-def _in_plan(surface: Surface, points: Floats, start: Floats) -> tuple[Floats, Mask]:
-    """Parameters whose surface points stand over given plan points, by Newton's method."""
-    uv = start.copy()
-    size = surface.domain.size
-    solved = np.zeros(len(points), dtype=np.bool_)
-    for _ in range(20):
-        jet = surface.jet(uv)
-        gap = points - jet.point[:, :2]
-        inverse = _plan_inverse(jet)
-        step = np.einsum("nij,nj->ni", inverse, gap)
-        # A step of more than a tenth of the domain has left what the formula knows.
-        longest = np.abs(step / size).max(axis=1)
-        uv = uv + step * np.minimum(1.0, 0.1 / np.maximum(longest, 1e-300))[:, None]
-        solved = longest < 1e-14
-        if (longest < 1e-13).all():
-            solved[:] = True
-            break
-    else:
-        solved = longest < 1e-9
-    return uv, solved
+def _nearest(tree: cKDTree, points: Floats) -> tuple[Floats, Indices]:
+    """Distances (N,) and indices of the nearest points of a tree."""
+    distance, index = tree.query(points)
+    return np.asarray(distance), np.asarray(index, dtype=np.int64)
 
 
-def _plan_inverse(jet: Jet) -> Floats:
-    """Inverse of the plan part of (X_u, X_v), shape (N, 2, 2)."""
-    a, c = jet.du[:, 0], jet.du[:, 1]
-    b, d = jet.dv[:, 0], jet.dv[:, 1]
-    determinant = a * d - b * c
-    safe = np.where(np.abs(determinant) > 1e-300, determinant, 1e-300)
-    rows = np.stack([np.stack([d, -b], -1), np.stack([-c, a], -1)], -2)
-    return np.asarray(rows / safe[:, None, None])
+class _Trial(NamedTuple):
+    """A face to try for some points: face, rows of the points, its samples there, starts."""
+
+    number: int
+    rows: Indices
+    near: Samples
+    start: Floats
 
 
-def _graph_jet(jet: Jet) -> Floats:
-    """Height and its plan derivatives from a parametric jet, shape (N, 6).
+class _Places(NamedTuple):
+    """Where plan points lie: face (N,), its jet (6, N, 3), distance outside it (N,)."""
 
-    With K the inverse of the plan part, second derivatives are the pulled-back second derivatives
-    of z less the slope times those of the plan part.
-    """
-    inverse = _plan_inverse(jet)
-    slope = np.einsum("ni,nij->nj", np.stack([jet.du[:, 2], jet.dv[:, 2]], 1), inverse)
-    second = np.stack([np.stack([jet.duu, jet.duv], 1), np.stack([jet.duv, jet.dvv], 1)], 1)
-    bend = second[..., 2] - np.einsum("nj,nabj->nab", slope, second[..., :2])
-    pulled = np.einsum("nai,nab,nbj->nij", inverse, bend, inverse)
-    return np.column_stack(
-        [jet.point[:, 2], slope, pulled[:, 0, 0], pulled[:, 0, 1], pulled[:, 1, 1]]
-    )
+    owner: Indices
+    jet: Floats
+    outside: Floats
 
 
 @dataclass(frozen=True)
@@ -297,20 +218,18 @@ def seams(surface: PlanSurface, samples: int = 400) -> tuple[Seam, ...]:
     """
     found = []
     for i, first in enumerate(surface.patches):
-        rim = _rim(first, samples)
-        jet = first.surface.jet(rim)
-        mine = _graph_jet(jet)
+        jet = first.jet(_rim(first, samples))
+        mine = graph_jet(jet)
         for j, second in enumerate(surface.patches):
             if j <= i:
                 continue
-            grid = second.surface.domain.grid(SAMPLES, SAMPLES).reshape(-1, 2)
-            tree = cKDTree(second.surface.jet(grid).point[:, :2])
-            start = grid[tree.query(jet.point[:, :2])[1]]
-            uv, solved = _in_plan(second.surface, jet.point[:, :2], start)
+            closest = _nearest(surface.trees[j], jet[0, :, :2])[1]
+            start = surface.starts[j].uv[closest]
+            uv, facing, solved = in_plan(second, jet[0, :, :2], start)
             near = solved & (second.outside(uv) < 1e-3)
             if near.sum() < 3:
                 continue
-            theirs = _graph_jet(second.surface.jet(uv[near]))
+            theirs = graph_jet(facing[:, near])
             jump = np.abs(theirs - mine[near])
             normals = [
                 unit(np.column_stack([-t[:, 1], -t[:, 2], np.ones(len(t))]))
@@ -332,44 +251,9 @@ def seams(surface: PlanSurface, samples: int = 400) -> tuple[Seam, ...]:
 def _rim(patch: Patch, samples: int) -> Floats:
     """Parameters along the outer loop of a face."""
     domain = patch.surface.domain
-    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * domain.size + domain.low
-    loop = patch.loops[0] if patch.loops else corners
+    loop = patch.rings[0]
     closed = np.concatenate([loop, loop[:1]])
     steps = norm(np.diff(closed, axis=0) / domain.size)
     arc = np.concatenate([[0.0], np.cumsum(steps)])
     places = np.linspace(0.0, arc[-1], samples, endpoint=False)
     return np.column_stack([np.interp(places, arc, closed[:, k]) for k in (0, 1)])
-
-
-@dataclass(frozen=True)
-class Overlap:
-    """Two faces one above the other: where, as (x, y, z) on the first."""
-
-    first: str
-    second: str
-    place: tuple[float, float, float]
-
-
-def overlaps(surface: PlanSurface, samples: int = 24) -> tuple[Overlap, ...]:
-    """Pairs of faces that lie over the same part of the plan, sampled inside each first face.
-
-    Faces that only meet along a seam do not overlap: samples nearer to the rim of a face than
-    half of their own distance do not count.
-    """
-    found = []
-    for i, first in enumerate(surface.patches):
-        uv = first.surface.domain.grid(samples, samples).reshape(-1, 2)
-        uv = uv[first.contains(uv)]
-        points = first.surface.jet(uv).point
-        for second in surface.patches[i + 1 :]:
-            grid = second.surface.domain.grid(SAMPLES, SAMPLES).reshape(-1, 2)
-            tree = cKDTree(second.surface.jet(grid).point[:, :2])
-            start = grid[tree.query(points[:, :2])[1]]
-            there, solved = _in_plan(second.surface, points[:, :2], start)
-            deep = solved & second.contains(there)
-            rows = np.flatnonzero(deep)
-            deep[rows] = second.from_rim(there[rows]) > 0.5 / samples
-            if deep.any():
-                place = points[int(np.argmax(deep))].tolist()
-                found.append(Overlap(first.name, second.name, (place[0], place[1], place[2])))
-    return tuple(found)
