@@ -233,5 +233,7 @@ def one_per_level(patch: Patch, rails: Lines, marks: Marks) -> Indices:
     level = level.reshape(-1)
     count = np.bincount(level)
     middle = np.stack([np.bincount(level, points[:, i]) / count for i in range(3)], axis=1)
-    order = np.lexsort((norm(points - middle[level]), level))
+    # Of two marks both are as near: which is taken must not hang on rounding.
+    away = np.round(norm(points - middle[level]) / patch.size, 9)
+    order = np.lexsort((away, level))
     return order[np.flatnonzero(np.diff(level[order], prepend=-1))]

@@ -14,6 +14,7 @@ from pqmesh.vectors import Floats, Mask, norm
 _ROUNDS = 12
 # Share of the samples that may stay far from lines: what lacks there is found at the end.
 _REST = 0.003
+_SAME = 1e-9
 
 
 def probe_lines(patch: Patch, spacing: Floats, limits: Limits) -> tuple[Lines, Lines]:
@@ -33,6 +34,12 @@ def probe_lines(patch: Patch, spacing: Floats, limits: Limits) -> tuple[Lines, L
         cover.add(patch.traced((seeds[0], seeds[1]), limits))
         cover.distance[worst] = 0.0
     return joined(cover.parts[0]), joined(cover.parts[1])
+
+
+def _first_least(values: Floats) -> int:
+    """Place of the first value that is the least but for rounding: no choice hangs on that."""
+    least = float(values.min())
+    return int(np.argmax(values <= least + _SAME * abs(least)))
 
 
 class _Cover:
@@ -56,8 +63,8 @@ class _Cover:
             clear = np.isinf(need) & self.patch.clear
             clear = clear if clear.any() else np.isinf(need)
             away = norm(self.patch.points - self.patch.points.mean(axis=0))
-            return int(np.where(clear, away, np.inf).argmin())
-        worst = int(need.argmax())
+            return _first_least(np.where(clear, away, np.inf))
+        worst = _first_least(-need)
         return worst if (need > 1.0).mean() > _REST else None
 
     def seeds(self, worst: int, family: int, rail: Lines) -> Seeds:
