@@ -334,6 +334,28 @@ def check(
         typer.echo(f"note: {problem['text']}")
 
 
+@app.command()
+def example(
+    name: Annotated[str | None, typer.Argument(metavar="NAME", help="Which one.")] = None,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the files.")] = Path(
+        "."
+    ),
+) -> None:
+    """Write a ready design to edit; without NAME, list them."""
+    from pqmesh.ready import EXAMPLES, example_files
+    from pqmesh.results import check_folder, write_new
+
+    if name is None:
+        for known, (text, _) in EXAMPLES.items():
+            typer.echo(f"{known:10} {text}")
+        return
+    files = example_files(name)
+    check_folder(output)
+    write_new(output, files)
+    design = next(file for file in files if file.endswith(".toml"))
+    _say(f"wrote {', '.join(files)}; run: pqmesh panelize {output / design} -o out")
+
+
 # --- helpers of the shell -------------------------------------------------------------------
 
 

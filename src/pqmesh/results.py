@@ -241,6 +241,23 @@ def write_files(files: dict[Path, bytes]) -> None:
         raise
 
 
+def write_new(folder: Path, files: dict[str, bytes]) -> None:
+    """Write files that must not stand yet: what a user has edited is never overwritten.
+
+    Raises
+    ------
+    FormatError
+        Naming the first file that is in the way.
+    """
+    for name in files:
+        if os.path.lexists(folder / name):
+            raise FormatError(
+                f"{shown_path(folder / name)}: the file must not exist yet; it does. Name another "
+                f"folder with -o, or remove it."
+            )
+    write_all(folder, files)
+
+
 def write_panelization(
     folder: Path,
     result: Panelization,
