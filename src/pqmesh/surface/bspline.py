@@ -45,34 +45,38 @@ class KnotLine:
         # Parameters beyond either end fall to the end spans, whose polynomials go on.
         self.starts: Floats = self.knots[self.spans[1:]]
         self.low, self.high = float(inner[0]), float(inner[-1])
-        self._windows: Floats = self.knots[self.spans[:, None] + np.arange(1 - degree, degree + 1)]
+        self.windows: Floats = self.knots[self.spans[:, None] + np.arange(1 - degree, degree + 1)]
 
     def basis(self, t: Floats) -> tuple[Indices, Floats]:
-        """First support index (N,) and basis functions with two derivatives (N, 3, p+1).
-
-        The recursion of Cox and de Boor [piegl1997, ch. 2], on whole columns.
-        """
-        p, n = self.degree, len(t)
+        """First support index (N,) and basis functions with two derivatives (N, 3, p+1)."""
         place = np.searchsorted(self.starts, t, side="right")
-        window = self._windows[place]
-        after, before = window - t[:, None], t[:, None] - window
-        lower = [np.ones((n, 1))]
-        widths = []
-        for j in range(1, p + 1):
-            width = window[:, p : p + j] - window[:, p - j : p]
-            share = lower[-1] / width
-            values = np.zeros((n, j + 1))
-            values[:, :j] = after[:, p : p + j] * share
-            values[:, 1:] += before[:, p - j : p] * share
-            lower.append(values)
-            widths.append(width)
-        out = np.zeros((n, 3, p + 1))
-        out[:, 0] = lower[p]
-        out[:, 1] = _raised(p * lower[p - 1] / widths[p - 1])
-        if p > 1:
-            slope = _raised((p - 1) * lower[p - 2] / widths[p - 2])
-            out[:, 2] = _raised(p * slope / widths[p - 1])
-        return self.spans[place] - p, out
+        return self.spans[place] - self.degree, basis_functions(self.windows[place], t)
+
+
+def basis_functions(window: Floats, t: Floats) -> Floats:
+    """Basis functions with two derivatives (N, 3, p+1), from the 2p knots about each parameter.
+
+    The recursion of Cox and de Boor [piegl1997, ch. 2], on whole columns.
+    """
+    p, n = window.shape[1] // 2, len(t)
+    after, before = window - t[:, None], t[:, None] - window
+    lower = [np.ones((n, 1))]
+    widths = []
+    for j in range(1, p + 1):
+        width = window[:, p : p + j] - window[:, p - j : p]
+        share = lower[-1] / width
+        values = np.zeros((n, j + 1))
+        values[:, :j] = after[:, p : p + j] * share
+        values[:, 1:] += before[:, p - j : p] * share
+        lower.append(values)
+        widths.append(width)
+    out = np.zeros((n, 3, p + 1))
+    out[:, 0] = lower[p]
+    out[:, 1] = _raised(p * lower[p - 1] / widths[p - 1])
+    if p > 1:
+        slope = _raised((p - 1) * lower[p - 2] / widths[p - 2])
+        out[:, 2] = _raised(p * slope / widths[p - 1])
+    return out
 
 
 def _raised(share: Floats) -> Floats:
@@ -183,13 +187,13 @@ class BSplineSurface:
         self.points = read_only(net)
         self.weights = read_only(mass) if weights is not None else None
         lines = [KnotLine(self.degrees[i], knots[i], net.shape[i], "uv"[i]) for i in (0, 1)]
-        self._lines = (lines[0], lines[1])
+        self.lines = (lines[0], lines[1])
         self.knots = (lines[0].knots, lines[1].knots)
         u, v = ((line.low, line.high) for line in lines)
         self.domain = Domain(u, v, self.periodic)
         stacked = net if weights is None else np.dstack([net * mass[..., None], mass])
         # Rows of (x, y, z) or of (wx, wy, wz, w), and where a point's window of them lies.
-        self._rows = stacked.reshape(-1, stacked.shape[2])
+        self.rows = stacked.reshape(-1, stacked.shape[2])
         in_u, in_v = (np.arange(p + 1) for p in self.degrees)
         self._window: Indices = (in_u[:, None] * net.shape[1] + in_v).ravel()
 
@@ -220,14 +224,14 @@ class BSplineSurface:
 
     def _derivatives(self, uv: Floats) -> Floats:
         """All derivatives up to order 2 in u and 2 in v at once, shape (N, 3, 3, d)."""
-        i, in_u = self._lines[0].basis(uv[:, 0])
-        j, in_v = self._lines[1].basis(uv[:, 1])
+        i, in_u = self.lines[0].basis(uv[:, 0])
+        j, in_v = self.lines[1].basis(uv[:, 1])
         corner = i * self.points.shape[1] + j
-        rows = self._rows.take(corner[:, None] + self._window, axis=0)
+        rows = self.rows.take(corner[:, None] + self._window, axis=0)
         p, q = self.degrees
         across = in_u @ rows.reshape(len(uv), p + 1, -1)
         table: Floats = in_v[:, None] @ across.reshape(len(uv), 3, q + 1, -1)
-        return table if self.weights is None else _projected(table)
+        return table if self.weights is None else projected(table)
 
     def extended(
         self,
@@ -259,7 +263,7 @@ class BSplineSurface:
         return wider
 
 
-def _projected(table: Floats) -> Floats:
+def projected(table: Floats) -> Floats:
     """Quotient rule: derivatives of (w x, w), shape (N, 3, 3, 4), to those of x.
 
     References: [piegl1997] section 4.5.

@@ -74,13 +74,6 @@ class Patch:
         uv = Domain((0.0, 1.0), (0.0, 1.0)).grid(SAMPLES, SAMPLES).reshape(-1, 2) * size + low
         return uv[self.contains(uv)], size / SAMPLES
 
-    def jet(self, uv: Floats) -> Floats:
-        """Jet at parameters (N, 2), as rows (6, N, 3); loops may run on over a periodic bound."""
-        domain = self.surface.domain
-        if any(domain.periodic):
-            uv = np.where(np.array(domain.periodic), domain.reduce(uv), uv)
-        return np.stack(self.surface.jet(uv))
-
 
 def _bounds(domain: Domain) -> Floats:
     """The bounds of a domain as a dense ring."""

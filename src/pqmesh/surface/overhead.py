@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pqmesh.errors import SpecError, SurfaceError
+from pqmesh.surface.bundle import Bundle
 from pqmesh.surface.face import Patch
 from pqmesh.vectors import Floats, Indices, Mask, cross, norm, unit
 
@@ -71,7 +72,7 @@ class Samples(NamedTuple):
         )
 
 
-def face_samples(number: int, patch: Patch) -> Samples:
+def face_samples(number: int, patch: Patch, bundle: Bundle) -> Samples:
     """Samples of a face, once it is known to be seen from above.
 
     Raises
@@ -85,7 +86,8 @@ def face_samples(number: int, patch: Patch) -> Samples:
             f"A face must enclose part of its surface; face {number} {patch.name!r} does not. "
             "Rebuild its trim curves."
         )
-    jet = patch.jet(uv)
+    owner = np.full(len(uv), number)
+    jet = bundle.jet(owner, uv)
     upright = unit(cross(jet[1], jet[2]))[:, 2]
     if np.abs(upright).min() < STEEPEST or np.ptp(np.sign(upright)) > 0:
         worst = int(np.abs(upright).argmin())
@@ -97,7 +99,7 @@ def face_samples(number: int, patch: Patch) -> Samples:
     deep = patch.rim_distance(uv) > 1.5 * float(norm(step / patch.surface.domain.size))
     pace = np.hypot(norm(jet[1, :, :2]) * step[0], norm(jet[2, :, :2]) * step[1])
     cell = np.repeat(step[None], len(uv), axis=0)
-    return Samples(np.full(len(uv), number), uv, jet, cell, pace, deep)
+    return Samples(owner, uv, jet, cell, pace, deep)
 
 
 def check_side_by_side(parts: tuple[Samples, ...], patches: tuple[Patch, ...]) -> None:
@@ -130,31 +132,43 @@ def check_side_by_side(parts: tuple[Samples, ...], patches: tuple[Patch, ...]) -
                 )
 
 
-def in_plan(patch: Patch, points: Floats, start: Floats) -> tuple[Floats, Floats, Mask]:
+def in_plan(
+    bundle: Bundle, owner: Indices, points: Floats, start: Floats
+) -> tuple[Floats, Floats, Mask]:
     """Parameters over plan points, their jets (6, N, 3), and where Newton's method worked.
 
     Parameters
     ----------
-    patch : Patch
+    bundle : Bundle
+    owner : (N,)
+        The surface each point is looked for on.
     points : (N, 2)
     start : (N, 2)
         Parameters near the answer.
     """
-    size = patch.surface.domain.size
-    uv = start.copy()
-    jet = patch.jet(uv)
+    uv, size = start.copy(), bundle.size[owner]
+    jet = bundle.jet(owner, uv)
+    step = plan_step(jet, points, size)
     active = np.arange(len(points))
     for _ in range(STEPS):
-        step = plan_step(jet[:, active], points[active], size)
         uv[active] += step
-        jet[:, active] = patch.jet(uv[active])
+        now = bundle.jet(owner[active], uv[active])
+        jet = now if len(active) == len(points) else _put(jet, active, now)
         # Written so that what is not a number goes on and is not solved.
-        active = active[~(np.abs(step / size).max(axis=1) <= LAST)]
+        moving = ~(np.abs(step / size[active]).max(axis=1) <= LAST)
+        active = active[moving]
         if not len(active):
             break
+        step = plan_step(now[:, moving], points[active], size[active])
     solved = np.ones(len(points), dtype=np.bool_)
     solved[active] = False
     return uv, jet, solved
+
+
+def _put(jet: Floats, rows: Indices, part: Floats) -> Floats:
+    """The jets with some of them replaced."""
+    jet[:, rows] = part
+    return jet
 
 
 def plan_step(jet: Floats, points: Floats, size: Floats) -> Floats:
@@ -167,8 +181,8 @@ def plan_step(jet: Floats, points: Floats, size: Floats) -> Floats:
     ----------
     jet : (6, N, 3)
     points : (N, 2)
-    size : (2,)
-        Of the domain.
+    size : (2,) or (N, 2)
+        Of the domains.
     """
     plan = jet[:, :, :2].transpose(0, 2, 1)
     x, y = points.T - plan[0]

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pqmesh.surface.base import Domain, Jet
+from pqmesh.surface.bundle import Bundle
 from pqmesh.surface.face import Patch as Patch
 from pqmesh.surface.face import even_odd as even_odd
 from pqmesh.surface.face import ring_distance as ring_distance
@@ -44,6 +45,8 @@ class PlanSurface:
 
     Attributes
     ----------
+    bundle : Bundle
+        The surfaces of the faces, evaluated together.
     starts : tuple of Samples
         Of each face, to start Newton's method from.
 
@@ -68,11 +71,14 @@ class PlanSurface:
 
     patches: tuple[Patch, ...]
     margin: float = 0.0
+    bundle: Bundle = field(init=False, repr=False)
     starts: tuple[Samples, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        starts = tuple(face_samples(number, patch) for number, patch in enumerate(self.patches))
+        bundle = Bundle([patch.surface for patch in self.patches])
+        starts = tuple(face_samples(i, patch, bundle) for i, patch in enumerate(self.patches))
         check_side_by_side(starts, self.patches)
+        object.__setattr__(self, "bundle", bundle)
         object.__setattr__(self, "starts", starts)
 
     @cached_property
@@ -84,11 +90,6 @@ class PlanSurface:
     def _all(self) -> Samples:
         """Samples of all faces."""
         return Samples.joined(self.starts)
-
-    @cached_property
-    def _sizes(self) -> Floats:
-        """Sizes of the domains, one row a face."""
-        return np.array([patch.surface.domain.size for patch in self.patches])
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -115,33 +116,32 @@ class PlanSurface:
 
     def _located(self, points: Floats) -> _Places:
         """Where plan points (N, 2) lie: on the face that contains them, or the nearest."""
-        n = len(points)
-        places = _Places(np.full(n, -1), np.empty((6, n, 3)), np.full(n, np.inf))
-        near, start = self._guessed(points)
-        for number in np.unique(near.owner).tolist():
-            rows = np.flatnonzero(near.owner == number)
-            self._place(places, _Trial(number, rows, near.rows(rows), start[rows]), points)
+        trial = self._guessed(points)
+        jet, away = self._tried(trial, points)
+        places = _Places(trial.near.owner, jet, away)
         # A guess is rarely so wrong that another face must be tried as well.
-        for trial in self._beside(points, places.owner, places.outside > RIM):
-            self._place(places, trial, points)
+        for other in self._beside(points, places.owner, away > RIM):
+            jet, away = self._tried(other, points[other.rows])
+            better = away < places.outside[other.rows]
+            rows = other.rows[better]
+            places.owner[rows] = other.near.owner[better]
+            places.jet[:, rows], places.outside[rows] = jet[:, better], away[better]
         return places
 
-    def _guessed(self, points: Floats) -> tuple[Samples, Floats]:
-        """The sample to start from for each point, and the parameters it leads to."""
+    def _guessed(self, points: Floats) -> _Trial:
+        """The face to look on for each point."""
         near = self._all.rows(_nearest(self._tree, points)[1])
-        start = near.uv + plan_step(near.jet, points, self._sizes[near.owner])
+        start = near.uv + plan_step(near.jet, points, self.bundle.size[near.owner])
         away = np.zeros(len(points))
         unsure = np.flatnonzero(~near.is_deep)
-        for number in np.unique(near.owner[unsure]).tolist():
-            rows = unsure[near.owner[unsure] == number]
-            away[rows] = self.patches[number].outside(start[rows])
-        for number, rows, other, begin in self._beside(points, near.owner, away > 0.0):
-            gap = self.patches[number].outside(begin)
+        away[unsure] = self._outside(near.owner[unsure], start[unsure])
+        for rows, other, begin in self._beside(points, near.owner, away > 0.0):
+            gap = self._outside(other.owner, begin)
             better = gap < away[rows]
             chosen = rows[better]
             near.put(chosen, other.rows(better))
             start[chosen], away[chosen] = begin[better], gap[better]
-        return near, start
+        return _Trial(np.arange(len(points)), near, start)
 
     def _beside(self, points: Floats, owner: Indices, wanted: Mask) -> Iterator[_Trial]:
         """Other faces than the owner that have samples near points wanted."""
@@ -155,25 +155,27 @@ class PlanSurface:
             close = distance <= 3.0 * samples.pace[index] + self.margin
             if close.any():
                 rows, near = rows[close], samples.rows(index[close])
-                step = plan_step(near.jet, points[rows], self._sizes[number])
-                yield _Trial(number, rows, near, near.uv + step)
+                step = plan_step(near.jet, points[rows], self.bundle.size[number])
+                yield _Trial(rows, near, near.uv + step)
 
-    def _place(self, places: _Places, trial: _Trial, points: Floats) -> None:
-        """Put points onto a face where they lie better on it than where they were put before."""
-        number, rows, near, start = trial
-        patch = self.patches[number]
-        uv, jet, solved = in_plan(patch, points[rows], start)
+    def _tried(self, trial: _Trial, points: Floats) -> tuple[Floats, Floats]:
+        """Jets (6, N, 3) over points, and how far outside the face they lie; unsolved: inf."""
+        _, near, start = trial
+        uv, jet, solved = in_plan(self.bundle, near.owner, points, start)
         away = np.where(solved, 0.0, np.inf)
         # Within a cell of a sample that has the rim beyond its cell nothing needs a test.
         sure = near.is_deep & (np.abs(uv - near.uv) <= near.cell).all(axis=1)
         unsure = np.flatnonzero(~sure & solved)
-        if len(unsure):
-            away[unsure] = patch.outside(uv[unsure])
-        better = (away < places.outside[rows]) | (places.owner[rows] < 0)
-        chosen = rows[better]
-        places.owner[chosen] = number
-        places.jet[:, chosen] = jet[:, better]
-        places.outside[chosen] = away[better]
+        away[unsure] = self._outside(near.owner[unsure], uv[unsure])
+        return jet, away
+
+    def _outside(self, owner: Indices, uv: Floats) -> Floats:
+        """How far parameters lie outside their faces, in domain sizes; 0 inside. Shape (N,)."""
+        away = np.empty(len(owner))
+        for number in np.unique(owner).tolist():
+            rows = np.flatnonzero(owner == number)
+            away[rows] = self.patches[number].outside(uv[rows])
+        return away
 
 
 def _nearest(tree: cKDTree, points: Floats) -> tuple[Floats, Indices]:
@@ -183,9 +185,8 @@ def _nearest(tree: cKDTree, points: Floats) -> tuple[Floats, Indices]:
 
 
 class _Trial(NamedTuple):
-    """A face to try for some points: face, rows of the points, its samples there, starts."""
+    """Faces to try for some points: rows of the points, a sample of the face each, starts."""
 
-    number: int
     rows: Indices
     near: Samples
     start: Floats
@@ -218,14 +219,16 @@ def seams(surface: PlanSurface, samples: int = 400) -> tuple[Seam, ...]:
     """
     found = []
     for i, first in enumerate(surface.patches):
-        jet = first.jet(_rim(first, samples))
+        rim = _rim(first, samples)
+        jet = surface.bundle.jet(np.full(len(rim), i), rim)
         mine = graph_jet(jet)
         for j, second in enumerate(surface.patches):
             if j <= i:
                 continue
             closest = _nearest(surface.trees[j], jet[0, :, :2])[1]
             start = surface.starts[j].uv[closest]
-            uv, facing, solved = in_plan(second, jet[0, :, :2], start)
+            owner = np.full(len(rim), j)
+            uv, facing, solved = in_plan(surface.bundle, owner, jet[0, :, :2], start)
             near = solved & (second.outside(uv) < 1e-3)
             if near.sum() < 3:
                 continue
