@@ -12,7 +12,8 @@ from pqmesh.vectors import Floats
 from pqmesh.view.camera import Box
 from pqmesh.view.sheet import GREY, INK, PALE, SUPERSCRIPTS, Sheet, number, paper
 
-FRAME = Box(190.0, 190.0, 1130.0, 850.0)
+FRAME = Box(190.0, 215.0, 1530.0, 850.0)
+LEGEND = 1300.0
 
 
 @dataclass(frozen=True)
@@ -77,12 +78,12 @@ def chart_figure(
                 sheet.circle(point, 9.0, facecolor=face, edgecolor=one.color, linewidth=3.5)
                 words = number(one.values[place])
                 sheet.text(point[0] + 14, point[1] + 12, words, halo=True, color=one.color)
-        sheet.legend([(one.color, one.name) for one in series], 1180)
+        sheet.legend([(one.color, one.name) for one in series], LEGEND)
         if any(one.open_places for one in series):
             y = 40.0 + 30.0 * len(series)
-            sheet.circle(np.array([1203.0, y + 6]), 9.0, facecolor="white", edgecolor=GREY,
+            sheet.circle(np.array([LEGEND + 23.0, y + 6]), 9.0, facecolor="white", edgecolor=GREY,
                          linewidth=3.5)  # fmt: skip
-            sheet.text(1244, y, hollow)
+            sheet.text(LEGEND + 64.0, y, hollow)
         return sheet.png()
 
 
@@ -104,6 +105,7 @@ def _axes(
         words = (
             number(10.0**decade) if abs(decade) < 4 else "10" + str(decade).translate(SUPERSCRIPTS)
         )
+        words = f"≤ {words}" if decade == decades[0] else words
         sheet.text(FRAME.left - 14, y - 7, words, ha="right", color=GREY)
     for place in places:
         x = float(_point(places, decades, place, 10.0 ** decades[0])[0])

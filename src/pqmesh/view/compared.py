@@ -22,8 +22,11 @@ from pqmesh.view.scene import Scene, polygon_normals, rgba
 from pqmesh.view.sheet import GREY, INK, ColorScale, number, paper
 from pqmesh.view.surfaces import LARGER, SAMPLING, SMALLER, line_pieces, surface_scene
 
+LINE = "#23272b"
 # Networks stand beside each other in boxes of this width and height, pixels.
-BOX_WIDTH, BOX_BOTTOM, BOX_TOP, GAP = 500.0, 300.0, 850.0, 20.0
+BOX_WIDTH, BOX_BOTTOM, BOX_TOP, GAP = 490.0, 330.0, 860.0, 30.0
+# Share of the colours for differences: lines must stay legible on the largest.
+DEPTH = 0.42
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +71,13 @@ def difference_figure(
     inside = predicate(region, surface)
     patches = surface_patches(surface, inside)
     values = np.asarray(difference(surface.domain.reduce(patches.inner_uv)))
-    scale = ColorScale.of(values)
+    scale = replace(ColorScale.of(values), depth=DEPTH)
     if caption is None:
         caption = f"{label}: largest {number(float(values.max()))} {units}, "
         caption += f"mean {number(float(values.mean()))} {units}"
     with paper(title or "Two states of a surface", caption) as sheet:
         scene = surface_scene(patches, camera, scale.colors(values), 0.35)
-        _add_lines(scene, network, inside, patches, ("#3b4148", "#3b4148"), 1.1)
+        _add_lines(scene, network, inside, patches, (LINE, LINE), 1.2)
         rim = with_corners(surface, region, patches)
         scene.add_lines(rim, rgba(INK), 3.0, 1.1 * patches.size)
         scene.paint(sheet)
@@ -91,6 +94,7 @@ def networks_figure(
     title: str = "",
     caption: str = "",
     families: tuple[str, str] = ("first family", "second family"),
+    camera: Camera | None = None,
 ) -> bytes:
     """PNG of up to three networks on one surface, side by side in one view.
 
@@ -114,7 +118,8 @@ def networks_figure(
     inside = predicate(region, surface)
     patches = surface_patches(surface, inside)
     inner = replace(patches, outer=patches.outer[:0])
-    camera = Camera.around(patches.inner.reshape(-1, 3), polygon_normals(patches.inner))
+    if camera is None:
+        camera = Camera.around(patches.inner.reshape(-1, 3), polygon_normals(patches.inner))
     rim = with_corners(surface, region, patches)
     with paper(title or "Networks on one surface", caption) as sheet:
         left = 800.0 - 0.5 * (len(networks) * (BOX_WIDTH + GAP) - GAP)

@@ -19,8 +19,10 @@ from pqmesh.view.surfaces import STONE, surface_scene
 GROUND, BUILDING, BUILDING_LINE = "#f4f2ec", "#bdb6aa", "#5a544b"
 WHOLE, CUT, SLIVER = "#cfe3ec", "#e9b872", "#c2452d"
 PANEL_LINE, HEIGHT_LINE = "#2f5366", "#7a6a55"
-# A margin around what stands on the site, in its size; levels between the lowest and the highest.
-MARGIN, LEVELS = 0.04, 14
+# Margins around all that stands on the site, and around the roof alone, in its size.
+MARGIN, CLOSE_MARGIN = 0.04, 0.15
+# Lines of equal height between the lowest and the highest, about.
+LEVELS = 14
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +77,9 @@ def site_figure(
     levels = _level_pieces(patches.inner, step)
     rim = with_corners(surface, outline, patches)
     with paper(title or "Site plan", caption) as sheet:
-        view = _site(sheet, outline, around, Box(60, 125, 1040, 880))
+        everything = [*outline.rings, *(around.buildings if around else ())]
+        frame = _framed(np.concatenate(everything), MARGIN)
+        view = _site(sheet, around, frame, Box(60, 125, 1040, 880))
         scene = Scene(view)
         light = _light(patches.inner)
         fill = np.column_stack([np.clip(STONE * light[:, None], 0, 1), np.ones(len(light))])
@@ -84,7 +88,6 @@ def site_figure(
         scene.add_lines(rim, rgba(INK), 3.0, 100 * patches.size)
         scene.paint(sheet)
         _name_levels(sheet, view, levels, step, units)
-        _names(sheet, view, around, outline)
         aside = replace(patches, outer=patches.outer[:0])
         tilted = surface_scene(aside, camera, box=Box(1080, 250, 1560, 760))
         _add_levels(tilted, levels, patches.size)
@@ -118,7 +121,7 @@ def layout_figure(
         caption += f"{number(float(panels.area.sum()))} {units}² of panels over "
         caption += f"{number(panels.outline.area)} {units}² in plan"
     with paper(title or "Layout of the panels", caption) as sheet:
-        view = _site(sheet, panels.outline, around, STAGE)
+        view = _site(sheet, around, _framed(panels.outline.polygon, CLOSE_MARGIN), STAGE)
         scene = Scene(view)
         kind = panels.is_trimmed.astype(np.int64)
         kind[panels.slivers] = 2
@@ -131,7 +134,6 @@ def layout_figure(
         scene.paint(sheet)
         ring = np.append(panels.outline.polygon, panels.outline.polygon[:1], axis=0)
         sheet.line(_flat(view, ring), INK, 3.0)
-        _names(sheet, view, around, panels.outline)
         sheet.scale_bar(view, units)
         words = ("whole", "cut by the outline", "cut to slivers")
         shown = [
@@ -146,36 +148,35 @@ def layout_figure(
 # --- the site ---------------------------------------------------------------------------------
 
 
-def _site(sheet: Sheet, outline: PlanOutline, around: Surroundings | None, box: Box) -> View:
+def _site(
+    sheet: Sheet, around: Surroundings | None, frame: tuple[Floats, Floats], box: Box
+) -> View:
     """Ground, buildings and north arrow in a box, and the view from above they are drawn in."""
-    buildings = around.buildings if around else ()
-    points = np.concatenate([*outline.rings, *buildings])
-    margin = MARGIN * float(np.ptp(points, axis=0).max())
-    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
-    corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
+    corners = np.stack(frame)
     camera = Camera.orbit(np.zeros(3), -0.5 * np.pi, 0.5 * np.pi)
     view = View.fitted(camera, _lifted(corners), box)
-    for rings, fill, line, width in (
-        ([corners], GROUND, GROUND, 0.0),
-        (buildings, BUILDING, BUILDING_LINE, 1.6),
-    ):
-        for ring in rings:
-            ink, paint = rgba(line)[None], rgba(fill)[None]
-            sheet.polygons(_flat(view, ring)[None], paint, ink, np.array([width]))
-    tip = _flat(view, high[None])[0] - np.array([34.0, 34.0])
+    low, high = _flat(view, corners)
+    ground = sheet.rectangle(low, high, GROUND)
+    for ring in around.buildings if around else ():
+        fill, line = rgba(BUILDING)[None], rgba(BUILDING_LINE)[None]
+        sheet.polygons(_flat(view, ring)[None], fill, line, np.array([1.6]), ground)
+    tip = high - np.array([34.0, 34.0])
     arrow = tip + np.array([[0.0, 0.0], [9.0, -34.0], [0.0, -27.0], [-9.0, -34.0]])
     sheet.polygons(arrow[None], rgba(INK)[None], rgba(INK)[None], np.array([0.0]))
     sheet.text(float(tip[0]), float(tip[1]) + 6.0, "N", ha="center")
+    for words, place in around.names if around else ():
+        # Room for half a word between its middle and the edge.
+        x, y = _flat(view, np.array([place]))[0].tolist()
+        half = 5.0 * len(words)
+        if low[0] + half < x < high[0] - half and low[1] + 20.0 < y < high[1] - 20.0:
+            sheet.text(x, y - 6.0, words, ha="center", halo=True)
     return view
 
 
-def _names(sheet: Sheet, view: View, around: Surroundings | None, outline: PlanOutline) -> None:
-    """Names of what stands around; none over the roof itself."""
-    for words, place in around.names if around else ():
-        at = np.array([place])
-        if not bool(outline.contains(at)[0]):
-            x, y = _flat(view, at)[0].tolist()
-            sheet.text(x, y - 6.0, words, ha="center", halo=True)
+def _framed(points: Floats, margin: float) -> tuple[Floats, Floats]:
+    """Lower left and upper right of plan points (n, 2) with a margin in their size."""
+    room = margin * float(np.ptp(points, axis=0).max())
+    return points.min(axis=0) - room, points.max(axis=0) + room
 
 
 def _lifted(points: Floats) -> Floats:
@@ -236,14 +237,13 @@ def _add_levels(scene: Scene, levels: dict[int, Floats], lift: float) -> None:
 def _name_levels(
     sheet: Sheet, view: View, levels: dict[int, Floats], step: float, units: str
 ) -> None:
-    """Heights at the heavy lines, where they cross the middle from south to north."""
-    every = view.pixels(np.concatenate(list(levels.values())).mean(axis=1))[:, :2]
-    x, y = 0.5 * (every.min(axis=0) + every.max(axis=0))
+    """Heights at the heavy lines, in the middle of their southern and their northern part."""
     for index, pieces in levels.items():
         middle = view.pixels(pieces.mean(axis=1))[:, :2]
-        for side in (middle[:, 1] < y, middle[:, 1] >= y):
+        centre = 0.5 * (middle[:, 1].min() + middle[:, 1].max()) if len(middle) else 0.0
+        for side in (middle[:, 1] < centre, middle[:, 1] >= centre):
             rows = np.flatnonzero(side)
             if index % 5 == 0 and len(rows):
-                place = middle[rows[np.abs(middle[rows, 0] - x).argmin()]]
+                place = middle[rows[np.argsort(middle[rows, 0])[len(rows) // 2]]]
                 words = f"{number(index * step)} {units}".strip()
                 sheet.text(place[0], place[1] - 6, words, ha="center", halo=True, color=HEIGHT_LINE)
