@@ -85,6 +85,8 @@ class ColorScale:
         By default large values are dark.
     clipped : bool
         Values below `low` exist and take its colour.
+    depth : float
+        Share of the map that is used: less leaves room for dark lines.
     """
 
     low: float
@@ -92,6 +94,7 @@ class ColorScale:
     log: bool = False
     dark_is_low: bool = False
     clipped: bool = False
+    depth: float = 0.74
 
     @classmethod
     def of(cls, values: Floats, *, log: bool = False, dark_is_low: bool = False) -> ColorScale:
@@ -127,7 +130,7 @@ class ColorScale:
         place = 1.0 - place if self.dark_is_low else place
         # The ends of the map, near white and near black, would swallow background and edges.
         table = require_matplotlib().colormaps["magma_r"]
-        rgb = np.asarray(table(0.06 + 0.74 * place))[:, :3]
+        rgb = np.asarray(table(0.06 + self.depth * place))[:, :3]
         return np.where(known[:, None], rgb, 0.90)
 
     def ticks(self) -> list[float]:
@@ -239,6 +242,16 @@ class Sheet:
         style = {"zorder": self.order, **style}
         style["linewidth"] = style.get("linewidth", 1.0) * 72 / DPI
         patch = self.mpl.patches.Circle((float(center[0]), float(center[1])), radius, **style)
+        self.axes.add_patch(patch)
+        return patch
+
+    def rectangle(self, low: Floats, high: Floats, color: str) -> Any:
+        """Filled rectangle patch between two pixels; others may be clipped by it."""
+        self.order += 1.0
+        width, height = (float(side) for side in high - low)
+        patch = self.mpl.patches.Rectangle(
+            (float(low[0]), float(low[1])), width, height, facecolor=color, zorder=self.order
+        )
         self.axes.add_patch(patch)
         return patch
 

@@ -12,7 +12,7 @@ from pqmesh.surface.base import Surface
 from pqmesh.surface.curvature import shape_data
 from pqmesh.surface.umbilics import Umbilic
 from pqmesh.vectors import Floats
-from pqmesh.view.camera import Camera, View
+from pqmesh.view.camera import Box, Camera, View
 from pqmesh.view.patches import (
     Patches,
     Region,
@@ -69,15 +69,15 @@ def network_figure(
             f"{counts[0]} + {counts[1]} lines of curvature, {count(len(network.found), 'crossing')}"
         )
         caption += f"  ·  {count(mesh.mesh.topology.n_faces, 'panel')}" if mesh else ""
-        caption += f"  ·  {_umbilic_words(umbilics)}"
+        caption += f"  ·  {umbilic_words(umbilics)}"
     with paper(title or "Principal network", caption) as sheet:
         patches = surface_patches(surface, inside)
-        scene = _surface_scene(patches, camera)
+        scene = surface_scene(patches, camera)
         step = SAMPLING * extent(patches)
         lift = 0.8 * patches.size
         for family, color in enumerate((LARGER, SMALLER)):
             for pieces, paint, width in zip(
-                _line_pieces(network, family, inside, step),
+                line_pieces(network, family, inside, step),
                 (rgba(color), rgba(color, 0.16)),
                 (1.7, 1.0),
                 strict=True,
@@ -87,7 +87,7 @@ def network_figure(
         if mesh is not None:
             scene.add_lines(_mesh_rim(mesh), rgba(RIM), 1.3, 1.2 * lift)
         scene.paint(sheet)
-        _mark_umbilics(sheet, scene, umbilics, patches.size)
+        mark_umbilics(sheet, scene, umbilics, patches.size)
         sheet.scale_bar(scene.view, units)
         entries = [(LARGER, "larger principal curvature"), (SMALLER, "smaller principal curvature")]
         entries += [(INK, "outline")] if len(patches.rim) else []
@@ -126,15 +126,15 @@ def viability_figure(
         share = gap / median if has_lines else np.full_like(gap, np.nan)
         low, high = (float(share.min()), float(share.max())) if has_lines else (1.0, 1.0)
         scale = ColorScale(1e-2, max(2.0, high), True, True, low < 1e-2)
-        scene = _surface_scene(patches, camera, scale.colors(share), 0.2)
+        scene = surface_scene(patches, camera, scale.colors(share), 0.2)
         scene.add_lines(with_corners(surface, region, patches), rgba(INK), 3.0, patches.size)
         scene.paint(sheet)
-        _mark_umbilics(sheet, scene, umbilics, patches.size)
+        mark_umbilics(sheet, scene, umbilics, patches.size)
         if caption is None:
             caption = "k₁ = k₂ on most of the surface: no lines of curvature"
             if has_lines:
                 caption = f"smallest |k₁ − k₂| is {number(low)} of the median"
-            caption += f"  ·  {_umbilic_words(umbilics)}" if has_lines or umbilics else ""
+            caption += f"  ·  {umbilic_words(umbilics)}" if has_lines or umbilics else ""
         sheet.text(60, 906, caption, "caption", color=GREY)
         sheet.scale_bar(scene.view, units)
         sheet.color_bar(scale, "|k₁ − k₂| / median", "")
@@ -144,16 +144,20 @@ def viability_figure(
 # --- the shaded surface ------------------------------------------------------------------------
 
 
-def _surface_scene(
-    patches: Patches, camera: Camera | None, rgb: Floats | None = None, depth: float = 0.8
+def surface_scene(
+    patches: Patches,
+    camera: Camera | None,
+    rgb: Floats | None = None,
+    depth: float = 0.8,
+    box: Box = STAGE,
 ) -> Scene:
-    """Scene of the shaded surface, pale outside the region."""
+    """Scene of the shaded surface, pale outside the region, in a box of the sheet."""
     inner, outer = patches.inner, patches.outer
     shown = inner if len(inner) else outer
     camera = camera or Camera.around(shown.reshape(-1, 3), polygon_normals(shown))
     everything = np.concatenate([inner.reshape(-1, 3), outer.reshape(-1, 3)])
     dropped = ground(inner).reshape(-1, 3)
-    scene = Scene(View.fitted(camera, np.concatenate([everything, dropped]), STAGE))
+    scene = Scene(View.fitted(camera, np.concatenate([everything, dropped]), box))
     add_shadow(scene, inner)
     light = camera.light(polygon_normals(inner), depth=depth)
     base = STONE if rgb is None else rgb
@@ -168,7 +172,7 @@ def _surface_scene(
 # --- lines and marks --------------------------------------------------------------------------
 
 
-def _line_pieces(
+def line_pieces(
     network: CurveNetwork, family: int, inside: Inside, step: float
 ) -> tuple[Floats, Floats]:
     """Short polylines (n, 4, 3) along the lines: those in the region and the others.
@@ -216,7 +220,7 @@ def _mesh_rim(mesh: NetworkMesh) -> Floats:
     return np.asarray(mesh.mesh.vertices[topology.edges[topology.is_boundary_edge]])
 
 
-def _umbilic_words(umbilics: Sequence[Umbilic]) -> str:
+def umbilic_words(umbilics: Sequence[Umbilic]) -> str:
     """How many umbilics of each kind."""
     if not umbilics:
         return "no umbilic"
@@ -225,7 +229,7 @@ def _umbilic_words(umbilics: Sequence[Umbilic]) -> str:
     return f"{len(kinds)} umbilic{'s' if len(kinds) > 1 else ''} ({', '.join(parts)})"
 
 
-def _mark_umbilics(sheet: Sheet, scene: Scene, umbilics: Sequence[Umbilic], slack: float) -> None:
+def mark_umbilics(sheet: Sheet, scene: Scene, umbilics: Sequence[Umbilic], slack: float) -> None:
     """Signs, kinds and coordinates of umbilics; those behind the surface are hollow."""
     if not umbilics:
         return
