@@ -37,7 +37,7 @@ def cell_deviation(n: int) -> float:
 def main(picture: str | None = None) -> dict[str, float]:
     """Trace, compare, print, and return the numbers."""
     patch = pqmesh.shape_surface("ellipsoid", u=[0.7, 2.4], v=[-0.7, 0.7])
-    network = pqmesh.trace_principal_network(patch, (0.4, 0.4))
+    network = pqmesh.trace_network("principal", patch, (0.4, 0.4))
     traced = [lines.joints(i) for lines in network.families for i in range(len(lines))]
     spans = [np.ptp(ellipsoidal_coordinates(patch.jet(uv).point), axis=0) for uv in traced]
     umbilics = pqmesh.find_umbilics(pqmesh.shape_surface("ellipsoid")).umbilics

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 from brep_archive import EAST, NORTH, SOUTH, WEST, Curve, Edge, Face, Net, Trim, brep
 from scipy.interpolate import BSpline, NdBSpline
 
+from pqmesh.io.outlines import read_outline
 from pqmesh.surface.bspline import uniform_knots
 
 ROOF = Path(__file__).resolve().parents[1] / "examples" / "roof"
@@ -33,8 +33,7 @@ def roof_net() -> Net:
 
 def roof_outline() -> np.ndarray:
     """Corners of the example's site, (8, 2), in metres."""
-    design = tomllib.loads((ROOF / "roof.toml").read_text(encoding="utf-8"))
-    return np.array(design["outline"]["polygon"], dtype=np.float64)
+    return read_outline(ROOF / "site.svg", "roof", units="m").polygon
 
 
 class Part(NamedTuple):

@@ -34,7 +34,7 @@ from table import (
     skipped,
 )
 
-from pqmesh.design import Design
+from pqmesh.source import Source, read_design
 from pqmesh.io.formats import read_quad_mesh
 from pqmesh.mesh.measure import (
     circularity_defect,
@@ -57,9 +57,9 @@ ROOF = ROOT / "examples" / "roof" / "roof.toml"
 
 
 @cache
-def roof_design() -> Design:
-    """The example roof's design."""
-    return Design.of(Design.read(ROOF)[0])
+def roof_source() -> Source:
+    """The example roof's design, opened."""
+    return read_design(ROOF)
 
 
 @cache
@@ -107,8 +107,7 @@ def roof_job() -> list[Row]:
 def roof_character() -> list[Row]:
     """Is the roof lively enough to prove anything?"""
     folder, report, _ = roof_runs()
-    design = roof_design()
-    surface, outline = design.build_surface(ROOF.parent), design.build_outline()
+    design, surface, outline = (getattr(roof_source(), k) for k in ("design", "surface", "outline"))
     uv = surface.domain.grid(200, 200).reshape(-1, 2)
     uv = uv[outline.on(surface)(uv)]
     jet = surface.jet(uv)
@@ -211,8 +210,7 @@ def roof_exactness() -> list[Row]:
 
 def three_starts() -> list[Row]:
     """Euler tracing as the thesis does it, our tracing, a parameter grid."""
-    design = roof_design()
-    surface, outline = design.build_surface(ROOF.parent), design.build_outline()
+    design, surface, outline = (getattr(roof_source(), k) for k in ("design", "surface", "outline"))
     inside = outline.on(surface)
     rows, ours = [], []
 
@@ -327,8 +325,7 @@ def _face_deviation(surface, mesh: QuadMesh) -> float:
 def derivatives() -> list[Row]:
     """Jacobians against central differences; invariance; the whole chain in millimetres."""
     rng = np.random.default_rng(5)
-    design = roof_design()
-    surface, outline = design.build_surface(ROOF.parent), design.build_outline()
+    design, surface, outline = (getattr(roof_source(), k) for k in ("design", "surface", "outline"))
     part = quads_from_network(
         trace_principal_network(surface, (6.0, 6.0), outline.on(surface)), outline.on(surface)
     )
@@ -410,9 +407,8 @@ def _in_millimetres() -> list[Row]:
             .replace('units = "m"', 'units = "mm"')
             .replace("edge = 1.5", "edge = 1500")
         )
-        outline = roof_design().outline.polygon
-        scaled = [[1000 * x, 1000 * y] for x, y in outline]
-        text = re.sub(r"polygon = .*", f"polygon = {scaled}", text)
+        scaled = (1000 * roof_source().outline.polygon).tolist()
+        text = re.sub(r'file = "site.svg"\nselect = "roof"', f"polygon = {scaled}", text)
         (place / "roof.toml").write_text(text, encoding="utf-8")
         done = run("panelize", place / "roof.toml", "-o", place / "out", "--no-figures")
         first = read_quad_mesh(folder / "0" / "mesh.obj")

@@ -22,7 +22,7 @@ import networks
 import numpy as np
 import pictures
 
-from pqmesh.design import Design
+from pqmesh.source import read_design, spec_of
 from pqmesh.io.atomic import write_all
 from pqmesh.io.drawings import drawing_from_svg
 from pqmesh.io.outlines import read_outline
@@ -48,9 +48,8 @@ def read_site() -> tuple[PlanOutline, Surroundings]:
 
 def read_surface(name: str) -> tuple[Surface, Spec]:
     """Surface of a design file beside this script, and what is wanted of it."""
-    design = Design.of(Design.read(HERE / name)[0])
-    spec = Spec(design.edges, design.panels.kind, tuple(design.distances))
-    return design.build_surface(HERE), spec
+    source = read_design(HERE / name)
+    return source.surface, spec_of(source)
 
 
 def modified(roof: Panelization, sketch: Surface) -> dict[str, Any]:

@@ -16,7 +16,7 @@ import numpy as np
 from pqmesh.network.kinds import trace_network
 
 from pqmesh import PolyMesh, QuadMesh, read_mesh
-from pqmesh.design import Design
+from pqmesh.source import read_design
 from pqmesh.fabricate.sizes import panel_sizes
 from pqmesh.mesh.measure import plane_deviation
 from pqmesh.network.meshing import quads_from_network
@@ -84,10 +84,10 @@ def main(folder: Path) -> dict[str, dict[str, float]]:
     """Print the table and return it."""
     conical = read_mesh(folder / "mesh.obj")
     assert isinstance(conical, QuadMesh)
-    design = Design.of(Design.read(HERE / "roof.toml")[0])
-    surface, outline = design.build_surface(HERE), design.build_outline()
-    inside = outline.on(surface)
-    network = trace_network("uv", surface, design.edges, inside)
+    source = read_design(HERE / "roof.toml")
+    assert source.outline is not None
+    inside = source.outline.on(source.surface)
+    network = trace_network("uv", source.surface, source.design.edges, inside)
     table = compared(conical, quads_from_network(network, inside).mesh)
     print_figures(table)
     return table

@@ -116,6 +116,29 @@ def _opened(design: Design, folder: Path, faces: Faces) -> tuple[Source, ...]:
     return tuple(sources)
 
 
+def read_design(path: str | Path) -> Source:
+    """A design file opened, where its surface is one.
+
+    Parameters
+    ----------
+    path : str or path
+        A .toml; its files are sought beside it.
+
+    Raises
+    ------
+    PqmeshError
+        Naming the file, the line and the key, or the place on the surface.
+    """
+    text = Design.read(path)
+    sources = opened(Design.of(text.tables, text.where), text.folder)
+    if len(sources) > 1:
+        raise SpecError(
+            f"{text.where.name}: the faces of the surface must join smoothly; they are "
+            f"{len(sources)} parts. Select one of them."
+        )
+    return sources[0]
+
+
 def spec_of(source: Source, *, flip: bool = False) -> Spec:
     """What the main job is asked for."""
     design = source.design

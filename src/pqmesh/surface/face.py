@@ -42,7 +42,10 @@ class Patch:
     def plan_rings(self) -> tuple[Floats, ...]:
         """Loops of the face in plan, the outer one first, (n, 2) each."""
         loops = self.loops or (_bounds(self.surface.domain),)
-        return tuple(self.jet(loop)[0, :, :2] for loop in loops)
+        domain = self.surface.domain
+        # Loops may run on over a periodic bound.
+        turned = [np.where(domain.periodic, domain.reduce(loop), loop) for loop in loops]
+        return tuple(self.surface.jet(loop).point[:, :2] for loop in turned)
 
     def contains(self, uv: Floats) -> Mask:
         """Truth for parameters (N, 2) inside the face: even-odd over its loops."""
