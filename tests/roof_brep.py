@@ -57,7 +57,7 @@ def roof_brep(moved: Callable[[np.ndarray], np.ndarray]) -> Any:
     lower, east, upper, west = _arcs(_trim_ring(net), net)
     lines = [lower, east, upper, west]
     for u, a, b in ((left, lower[0], upper[-1]), (right, lower[-1], upper[0])):
-        lines.append(_with_crossings(np.array([[u, a[1]], [u, b[1]]]), net))
+        lines.append(with_crossings(np.array([[u, a[1]], [u, b[1]]]), net))
     ends = [(0, 1), (1, 2), (2, 3), (3, 0), (0, 3), (1, 2)]
     curves = [lifted(net, line, moved) for line in lines]
     edges = [Edge(curve, *pair) for curve, pair in zip(curves, ends, strict=True)]
@@ -69,7 +69,7 @@ def roof_brep(moved: Callable[[np.ndarray], np.ndarray]) -> Any:
     sides = ({4: EAST}, {4: SOUTH, 5: NORTH}, {5: WEST})
     faces = []
     for part, loop, side in zip(parts, loops, sides, strict=True):
-        trims = [Trim(_flat(part.own(lines[i]), back), i, back, side.get(i, 0)) for i, back in loop]
+        trims = [Trim(flat(part.own(lines[i]), back), i, back, side.get(i, 0)) for i, back in loop]
         faces.append(Face(_cut(net, part, moved), [trims], part.is_exchanged))
     return brep(vertices, edges, faces)
 
@@ -95,7 +95,7 @@ def _trim_ring(net: Net) -> np.ndarray:
 
 def _arcs(ring: np.ndarray, net: Net) -> list[np.ndarray]:
     """The ring in four: below between the splits, then counterclockwise."""
-    closed = _with_crossings(np.concatenate([ring, ring[:1]]), net)[:-1]
+    closed = with_crossings(np.concatenate([ring, ring[:1]]), net)[:-1]
     stops = np.flatnonzero(np.isin(closed[:, 0], SPLITS))
     if len(stops) != 4:
         raise ValueError(f"The splits must cross the trim four times; found {len(stops)}.")
@@ -108,7 +108,7 @@ def _arcs(ring: np.ndarray, net: Net) -> list[np.ndarray]:
     return arcs
 
 
-def _with_crossings(line: np.ndarray, net: Net) -> np.ndarray:
+def with_crossings(line: np.ndarray, net: Net) -> np.ndarray:
     """A polyline of parameters with points where it crosses knots and splits."""
     levels = (np.unique([*net.knots[0], *SPLITS]), np.unique(net.knots[1]))
     rows = [line[0]]
@@ -148,7 +148,7 @@ def bernstein(degree: int, t: np.ndarray) -> np.ndarray:
     return np.stack(rows, axis=1)
 
 
-def _flat(line: np.ndarray, is_back: bool) -> Curve:
+def flat(line: np.ndarray, is_back: bool) -> Curve:
     """A polyline as a curve with the parameters of its lifted edge, run back or not."""
     number = np.arange(len(line), dtype=np.float64)
     if is_back:

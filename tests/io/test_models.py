@@ -19,6 +19,7 @@ rhino3dm = pytest.importorskip("rhino3dm", reason="rhino3dm (extra aec) is not i
 
 import brep_archive  # noqa: E402
 import models  # noqa: E402
+import roof_brep  # noqa: E402
 
 ORIGIN = (5e8, 3e8, 0.0)
 FACES = range(3)
@@ -218,6 +219,35 @@ def test_other_layers_hold_junk_and_the_site(path: Path) -> None:
     }
     with pytest.raises(SpecError, match="several layers"):
         read_rhino_surfaces(path)
+
+
+def test_hole_of_a_trimmed_face_is_read(tmp_path: Path) -> None:
+    net = models.roof_net()
+    rings = [circle((0.5, 0.5), 0.4, net), circle((0.4, 0.55), 0.1, net)[::-1]]
+    curves = [roof_brep.lifted(net, ring, far) for ring in rings]
+    edges = [brep_archive.Edge(curve, i, i) for i, curve in enumerate(curves)]
+    loops = [[brep_archive.Trim(roof_brep.flat(ring, False), i, False)]
+             for i, ring in enumerate(rings)]  # fmt: skip
+    face = brep_archive.Face(brep_archive.Net(net.degrees, net.knots, far(net.points)), loops)
+    made = brep_archive.brep(np.array([curve.points[0] for curve in curves]), edges, [face])
+    assert made.IsValidWithLog == (True, "")
+    path = models.Model("Millimeters").add(made, "ROOF").write(tmp_path / "a.3dm")
+    (patch,) = read_rhino_surfaces(path).patches
+    outer, hole = patch.loops
+    assert area(outer) == pytest.approx(area(rings[0]), rel=1e-3)
+    assert area(hole) == pytest.approx(area(rings[1]), rel=1e-3)
+    for loop, ring in zip(patch.loops, rings, strict=True):
+        # The trim curves are polygons, and keep each corner.
+        assert ring_distance(ring, loop).max() < 1e-9
+        assert ring_distance(loop, ring).max() < 1e-9
+
+
+def circle(middle: tuple[float, float], radius: float, net: Any) -> np.ndarray:
+    """A polygon of 40 corners, closed, with points where it crosses knots."""
+    turn = 2 * np.pi * np.arange(41) / 40
+    ring = middle + radius * np.column_stack([np.cos(turn), np.sin(turn)])
+    ring[-1] = ring[0]
+    return roof_brep.with_crossings(ring, net)
 
 
 # --- models to refuse -----------------------------------------------------------------------

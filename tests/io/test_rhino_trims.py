@@ -165,10 +165,11 @@ class Interval:
 class Edge:
     """Stands for a BrepEdge: the image of a curve in the parameter plane."""
 
-    SpanCount = 1
-
     def __init__(self, surface: Any, curve: Any) -> None:
         self.surface, self.curve, self.Domain = surface, curve, Interval(2.0, 4.0)
+
+    def ToNurbsCurve(self) -> None:
+        return None
 
     def PointAt(self, t: float) -> Any:
         uv = np.array([self.curve(0.5 * (t - 2.0))])

@@ -152,9 +152,9 @@ def _sampled(loop: Any, edges: Any, frame: Frame) -> list[Trim]:
     for trim in loop.Trims:
         index = int(trim.EdgeIndex)
         edge = edges[index] if 0 <= index < len(edges) else None
-        count = 0 if edge is None else min(max(SAMPLES, 8 * int(edge.SpanCount) + 1), 257)
-        share = np.linspace(0.0, 1.0, count)
-        trims.append(Trim(edge, bool(trim.IsReversed), share, np.empty((count, 2))))
+        is_back = bool(trim.IsReversed)
+        share = np.empty(0) if edge is None else _shares(edge, is_back)
+        trims.append(Trim(edge, is_back, share, np.empty((len(share), 2))))
         points.append(_points(trims[-1], share, frame))
     uv = _inverted(np.concatenate(points), None, frame)
     ends = np.cumsum([len(trim.share) for trim in trims])
@@ -162,6 +162,26 @@ def _sampled(loop: Any, edges: Any, frame: Frame) -> list[Trim]:
         trim._replace(uv=uv[end - len(trim.share) : end])
         for trim, end in zip(trims, ends, strict=True)
     ]
+
+
+def _shares(edge: Any, is_back: bool) -> Floats:
+    """Where to sample an edge first: at its knots, where it may have corners, and between.
+
+    A corner between two samples would be cut off, and no sample of chords would tell.
+    """
+    low, high = float(edge.Domain.T0), float(edge.Domain.T1)
+    if not high > low:
+        return np.linspace(0.0, 1.0, SAMPLES)
+    form = edge.ToNurbsCurve()
+    knots = [] if form is None else form.Knots.ToList()
+    place = (np.unique([low, *knots, high]) - low) / (high - low)
+    place = place[(place >= 0.0) & (place <= 1.0)]
+    place = place[np.diff(place, prepend=-1.0) > 1e-12]
+    place[-1] = 1.0
+    between = max(2, -(-(SAMPLES - 1) // (len(place) - 1)))
+    steps = np.arange((len(place) - 1) * between + 1) / between
+    share = np.interp(steps, np.arange(len(place)), place)
+    return 1.0 - share[::-1] if is_back else share
 
 
 def _points(trim: Trim, share: Floats, frame: Frame) -> Floats:

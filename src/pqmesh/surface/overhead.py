@@ -14,9 +14,9 @@ from pqmesh.vectors import Floats, Indices, Mask, cross, norm, unit
 
 # A face steeper than this against the plan has no plan parameters there.
 STEEPEST = np.cos(np.radians(87.0))
-# A step of this share of the domain is the last one: it leaves an error of about its cube.
-LAST = 1e-5
-STEPS = 30
+# Parameters are good when they miss by less than this share of the domain.
+GOOD = 1e-12
+STEPS = 12
 
 
 class Samples(NamedTuple):
@@ -121,7 +121,7 @@ def check_side_by_side(parts: tuple[Samples, ...], patches: tuple[Patch, ...]) -
             if i == j or not len(rows):
                 continue
             near = theirs.rows(np.asarray(trees[j].query(points[rows])[1], dtype=np.int64))
-            step = plan_step(near.jet, points[rows], patches[j].surface.domain.size)
+            step, _ = plan_step(near.jet, points[rows], patches[j].surface.domain.size)
             over = near.is_deep & (np.abs(step) <= near.cell).all(axis=1)
             if over.any():
                 place = np.round(mine.jet[0, rows[int(over.argmax())]], 4).tolist()
@@ -148,18 +148,18 @@ def in_plan(
     """
     uv, size = start.copy(), bundle.size[owner]
     jet = bundle.jet(owner, uv)
-    step = plan_step(jet, points, size)
+    step, miss = plan_step(jet, points, size)
     active = np.arange(len(points))
     for _ in range(STEPS):
         uv[active] += step
         now = bundle.jet(owner[active], uv[active])
         jet = now if len(active) == len(points) else _put(jet, active, now)
         # Written so that what is not a number goes on and is not solved.
-        moving = ~(np.abs(step / size[active]).max(axis=1) <= LAST)
+        moving = ~(miss <= GOOD)
         active = active[moving]
         if not len(active):
             break
-        step = plan_step(now[:, moving], points[active], size[active])
+        step, miss = plan_step(now[:, moving], points[active], size[active])
     solved = np.ones(len(points), dtype=np.bool_)
     solved[active] = False
     return uv, jet, solved
@@ -171,8 +171,8 @@ def _put(jet: Floats, rows: Indices, part: Floats) -> Floats:
     return jet
 
 
-def plan_step(jet: Floats, points: Floats, size: Floats) -> Floats:
-    """Step in the parameters from jets (6, N, 3) to plan points (N, 2), to second order.
+def plan_step(jet: Floats, points: Floats, size: Floats) -> tuple[Floats, Floats]:
+    """Steps (N, 2) from jets to plan points, to second order, and how much they will miss (N,).
 
     It is the step of Newton's method less the bend of the parameter lines along it. A step of
     more than a tenth of the domain has left what the formula knows, and is cut.
@@ -182,7 +182,7 @@ def plan_step(jet: Floats, points: Floats, size: Floats) -> Floats:
     jet : (6, N, 3)
     points : (N, 2)
     size : (2,) or (N, 2)
-        Of the domains.
+        Of the domains; shares of it measure the miss.
     """
     plan = jet[:, :, :2].transpose(0, 2, 1)
     x, y = points.T - plan[0]
@@ -192,10 +192,16 @@ def plan_step(jet: Floats, points: Floats, size: Floats) -> Floats:
     step = np.stack([u, v], axis=1)
     bend = np.stack([ux * x + uy * y, vx * x + vy * y], axis=1)
     longest = np.abs(step / size).max(axis=1)
+    bent = np.abs(bend / size).max(axis=1)
     # A bend that is not small against the step says that the step is too long for it.
-    helps = np.abs(bend / size).max(axis=1) < 0.25 * longest
+    helps = bent < 0.25 * longest
     step -= np.where(helps[:, None], bend, 0.0)
-    return np.asarray(step * np.minimum(1.0, 0.1 / np.maximum(longest, 1e-300))[:, None])
+    # Each order is smaller than the one before by about the same share; where the bend happens
+    # to vanish, the third order does not.
+    third = 4.0 * bent * bent / np.maximum(longest, 1e-300) + 10.0 * longest**3
+    miss = np.where(helps, third, longest)
+    cut = np.minimum(1.0, 0.1 / np.maximum(longest, 1e-300))
+    return np.asarray(step * cut[:, None]), np.where(cut < 1.0, 1.0, miss)
 
 
 def _inverse(a: Floats, c: Floats, b: Floats, d: Floats) -> tuple[Floats, ...]:

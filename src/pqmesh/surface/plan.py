@@ -116,11 +116,11 @@ class PlanSurface:
 
     def _located(self, points: Floats) -> _Places:
         """Where plan points (N, 2) lie: on the face that contains them, or the nearest."""
-        trial = self._guessed(points)
+        trial, expected = self._guessed(points)
         jet, away = self._tried(trial, points)
         places = _Places(trial.near.owner, jet, away)
         # A guess is rarely so wrong that another face must be tried as well.
-        for other in self._beside(points, places.owner, away > RIM):
+        for other in self._beside(points, places.owner, (away > RIM) & (expected <= RIM)):
             jet, away = self._tried(other, points[other.rows])
             better = away < places.outside[other.rows]
             rows = other.rows[better]
@@ -128,10 +128,10 @@ class PlanSurface:
             places.jet[:, rows], places.outside[rows] = jet[:, better], away[better]
         return places
 
-    def _guessed(self, points: Floats) -> _Trial:
-        """The face to look on for each point."""
+    def _guessed(self, points: Floats) -> tuple[_Trial, Floats]:
+        """The face to look on for each point, and how far outside it the point seems to lie."""
         near = self._all.rows(_nearest(self._tree, points)[1])
-        start = near.uv + plan_step(near.jet, points, self.bundle.size[near.owner])
+        start = near.uv + plan_step(near.jet, points, self.bundle.size[near.owner])[0]
         away = np.zeros(len(points))
         unsure = np.flatnonzero(~near.is_deep)
         away[unsure] = self._outside(near.owner[unsure], start[unsure])
@@ -141,7 +141,7 @@ class PlanSurface:
             chosen = rows[better]
             near.put(chosen, other.rows(better))
             start[chosen], away[chosen] = begin[better], gap[better]
-        return _Trial(np.arange(len(points)), near, start)
+        return _Trial(np.arange(len(points)), near, start), away
 
     def _beside(self, points: Floats, owner: Indices, wanted: Mask) -> Iterator[_Trial]:
         """Other faces than the owner that have samples near points wanted."""
@@ -155,7 +155,7 @@ class PlanSurface:
             close = distance <= 3.0 * samples.pace[index] + self.margin
             if close.any():
                 rows, near = rows[close], samples.rows(index[close])
-                step = plan_step(near.jet, points[rows], self.bundle.size[number])
+                step, _ = plan_step(near.jet, points[rows], self.bundle.size[number])
                 yield _Trial(rows, near, near.uv + step)
 
     def _tried(self, trial: _Trial, points: Floats) -> tuple[Floats, Floats]:
