@@ -34,7 +34,6 @@ from table import (
     skipped,
 )
 
-from pqmesh.source import Source, read_design
 from pqmesh.io.formats import read_quad_mesh
 from pqmesh.mesh.measure import (
     circularity_defect,
@@ -48,6 +47,7 @@ from pqmesh.network.meshing import quads_from_network
 from pqmesh.network.principal import trace_principal_network
 from pqmesh.optimize.schedule import optimized
 from pqmesh.optimize.terms import TERMS
+from pqmesh.source import Source, read_design
 from pqmesh.surface.analytic import ellipsoid
 from pqmesh.surface.curvature import first_form, shape_data
 from pqmesh.surface.reference import SurfaceReference, TriangleReference
@@ -107,7 +107,7 @@ def roof_job() -> list[Row]:
 def roof_character() -> list[Row]:
     """Is the roof lively enough to prove anything?"""
     folder, report, _ = roof_runs()
-    design, surface, outline = (getattr(roof_source(), k) for k in ("design", "surface", "outline"))
+    surface, outline = roof_source().surface, roof_source().outline
     uv = surface.domain.grid(200, 200).reshape(-1, 2)
     uv = uv[outline.on(surface)(uv)]
     jet = surface.jet(uv)
@@ -210,7 +210,7 @@ def roof_exactness() -> list[Row]:
 
 def three_starts() -> list[Row]:
     """Euler tracing as the thesis does it, our tracing, a parameter grid."""
-    design, surface, outline = (getattr(roof_source(), k) for k in ("design", "surface", "outline"))
+    surface, outline = roof_source().surface, roof_source().outline
     inside = outline.on(surface)
     rows, ours = [], []
 
@@ -234,7 +234,7 @@ def three_starts() -> list[Row]:
         )
         return found
 
-    edge = design.edges[0]
+    edge = roof_source().design.edges[0]
     described("Euler steps (thesis)", *euler_mesh(surface, outline, edge))
     for size in (edge, edge / 2):
         network = quads_from_network(trace_principal_network(surface, (size, size), inside), inside)
@@ -325,7 +325,7 @@ def _face_deviation(surface, mesh: QuadMesh) -> float:
 def derivatives() -> list[Row]:
     """Jacobians against central differences; invariance; the whole chain in millimetres."""
     rng = np.random.default_rng(5)
-    design, surface, outline = (getattr(roof_source(), k) for k in ("design", "surface", "outline"))
+    surface, outline = roof_source().surface, roof_source().outline
     part = quads_from_network(
         trace_principal_network(surface, (6.0, 6.0), outline.on(surface)), outline.on(surface)
     )

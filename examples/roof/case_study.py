@@ -22,7 +22,6 @@ import networks
 import numpy as np
 import pictures
 
-from pqmesh.source import read_design, spec_of
 from pqmesh.io.atomic import write_all
 from pqmesh.io.drawings import drawing_from_svg
 from pqmesh.io.outlines import read_outline
@@ -30,6 +29,7 @@ from pqmesh.io.strokes import flattened
 from pqmesh.job import Panelization, Spec, panelize
 from pqmesh.network.region import PlanOutline
 from pqmesh.results import json_bytes
+from pqmesh.source import read_design, spec_of
 from pqmesh.surface.base import Surface
 from pqmesh.view.plan import Surroundings
 

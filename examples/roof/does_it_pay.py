@@ -13,15 +13,15 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from pqmesh.network.kinds import trace_network
 
 from pqmesh import PolyMesh, QuadMesh, read_mesh
-from pqmesh.source import read_design
 from pqmesh.fabricate.sizes import panel_sizes
 from pqmesh.mesh.measure import plane_deviation
+from pqmesh.network.kinds import trace_network
 from pqmesh.network.meshing import quads_from_network
 from pqmesh.offset.support import twist
 from pqmesh.offset.vectors import face_offset_vectors
+from pqmesh.source import read_design
 
 HERE = Path(__file__).parent
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pqmesh.network.kinds import trace_network
 
 from pqmesh.mesh.measure import (
     conicality_defect,
@@ -20,6 +19,7 @@ from pqmesh.mesh.measure import (
     planarity_deviation,
 )
 from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.network.kinds import trace_network
 from pqmesh.network.meshing import quads_from_network
 from pqmesh.network.principal import CurveNetwork
 from pqmesh.network.region import PlanOutline

@@ -217,7 +217,9 @@ def _one_roof(
 
     read = time.perf_counter() - began
     with _progress() as tell, placed(source.origin):
-        result = run(source.surface, spec_of(source, flip=flip), source.outline, tell, source.region)
+        result = run(
+            source.surface, spec_of(source, flip=flip), source.outline, tell, source.region
+        )
         report = panelization_report(
             result, source=name, design=source.design, origin=source.origin, notes=source.notes
         )
@@ -226,9 +228,7 @@ def _one_roof(
             wanted = False
             report["warnings"].append("no pictures: install the extra 'viz' for them")
         tell("write", None)
-        write_panelization(
-            output, result, report, origin=source.origin, figures=wanted, began=read
-        )
+        write_panelization(output, result, report, origin=source.origin, figures=wanted, began=read)
     _say(_summary(report, output))
     for row in failed(report):
         _say(f"not reached: {row['key']} {row['reached']:.3g}, asked {row['asked']:.3g}")

@@ -158,9 +158,7 @@ class PanelsSpec(Part):
     def _curves_fit(self) -> Self:
         curves = self.curves
         if self.network == "conjugate":
-            family = curves and (
-                curves.direction_deg is not None or curves.file or curves.points
-            )
+            family = curves and (curves.direction_deg is not None or curves.file or curves.points)
             if not family:
                 raise ValueError(
                     "a conjugate network needs the family of lines that is given; found none. Add "

@@ -64,13 +64,13 @@ class DesignText(NamedTuple):
 
 
 def key_lines(text: str) -> dict[tuple[str, ...], int]:
-    """Line of each section and of each key at the start of a line, by path.
+    r"""Line of each section and of each key at the start of a line, by path.
 
     Keys inside braces stand on the line of the table that holds them.
 
     Examples
     --------
-    >>> key_lines("[panels]\\nedge = [1,\\n 2]\\n")
+    >>> key_lines("[panels]\nedge = [1,\n 2]\n")
     {('panels',): 1, ('panels', 'edge'): 2}
     """
     found: dict[tuple[str, ...], int] = {}

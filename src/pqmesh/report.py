@@ -337,7 +337,12 @@ def _network(result: Panelization, origin: Floats) -> dict[str, Any]:
         "lines": [len(lines) for lines in result.network.families],
         "viability": found.viability if np.isfinite(found.viability) else None,
         "umbilics": [
-            {"uv": list(u.uv), "point": (u.point + origin).tolist(), "index": u.index, "kind": u.kind}
+            {
+                "uv": list(u.uv),
+                "point": (u.point + origin).tolist(),
+                "index": u.index,
+                "kind": u.kind,
+            }
             for u in found.umbilics
         ],
         "degenerate_share": found.degenerate_fraction,

@@ -12,15 +12,15 @@ import numpy as np
 from pqmesh.design import LARGEST_LENGTH, Design
 from pqmesh.design_keys import CurvesSpec
 from pqmesh.errors import PqmeshError, SpecError, SurfaceError
-from pqmesh.job import Spec
 from pqmesh.io.outlines import plausible_units, read_curves, read_outline
+from pqmesh.job import Spec
 from pqmesh.network.kinds import Given
 from pqmesh.network.region import PlanOutline
 from pqmesh.source_faces import Faces, faces_of
 from pqmesh.surface.base import Surface
 from pqmesh.surface.extended import extended
-from pqmesh.surface.faces import FaceRegion, plan_rims
 from pqmesh.surface.face import Patch
+from pqmesh.surface.faces import FaceRegion, plan_rims
 from pqmesh.surface.plan import PlanSurface, Seam, seams
 from pqmesh.surface.regular import check_regular
 from pqmesh.vectors import Floats
@@ -109,9 +109,7 @@ def _opened(design: Design, folder: Path, faces: Faces) -> tuple[Source, ...]:
         name = patches[0].name if len(patches) < len(faces.patches) else ""
         own, more = _own_outline(outline, patches, region, is_alone=bool(name))
         sources.append(
-            Source(
-                design, surface, region, own, given, faces.origin, (*notes, *more), name
-            )
+            Source(design, surface, region, own, given, faces.origin, (*notes, *more), name)
         )
     return tuple(sources)
 
@@ -221,9 +219,7 @@ def _groups(patches: tuple[Patch, ...]) -> list[tuple[tuple[Patch, ...], tuple[s
     return [(patches, tuple(notes))]
 
 
-def _alone(
-    patches: tuple[Patch, ...], why: str
-) -> list[tuple[tuple[Patch, ...], tuple[str, ...]]]:
+def _alone(patches: tuple[Patch, ...], why: str) -> list[tuple[tuple[Patch, ...], tuple[str, ...]]]:
     return [((patch,), (f"each face is panelled on its own: {why}",)) for patch in patches]
 
 
@@ -318,9 +314,7 @@ def _outline(design: Design, folder: Path, origin: Floats) -> PlanOutline | None
     return PlanOutline(first, tuple(holes))
 
 
-def _given(
-    spec: CurvesSpec | None, folder: Path, units: str, origin: Floats
-) -> Given | None:
+def _given(spec: CurvesSpec | None, folder: Path, units: str, origin: Floats) -> Given | None:
     """The given family about the origin."""
     if spec is None:
         return None

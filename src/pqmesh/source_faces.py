@@ -21,8 +21,8 @@ from pqmesh.io.foreign import far_origin
 from pqmesh.io.rhino import read_rhino_surfaces
 from pqmesh.surface.base import Domain, Surface
 from pqmesh.surface.bspline import BSplineSurface
-from pqmesh.surface.formula import FormulaSurface, graph_surface
 from pqmesh.surface.face import Patch
+from pqmesh.surface.formula import FormulaSurface, graph_surface
 from pqmesh.surface.regular import closes
 from pqmesh.vectors import Floats
 

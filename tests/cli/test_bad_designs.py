@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pqmesh.design import Design
-from pqmesh.source import opened
 from pqmesh.errors import FormatError, NetworkError, SpecError, SurfaceError
+from pqmesh.source import opened
 
 Refused = Callable[..., str]
 TORUS = 'shape = {kind = "torus"}'
@@ -159,7 +159,9 @@ PANELS = {
     'edge = 1\nnetwork = "conjugate"\ncurves = {direction_deg = 1, file = "a.dxf"}': "Keep one",
     'edge = 1\nnetwork = "conjugate"\ncurves = {direction = 1}': "did you mean 'direction_deg'?",
     "edge = 1\nflat = -1": "panels.flat must be above 0",
-    'edge = 1\nnetwork = "geodesic"\ncurves = {points = [[[0, 0], [1, 0]]]}': "panels: a geodesic network starts from a point",
+    'edge = 1\nnetwork = "geodesic"\ncurves = {points = [[[0, 0], [1, 0]]]}': (
+        "panels: a geodesic network starts from a point"
+    ),
     "edge = 1\nwithin = 0": "panels.within must be above 0",
     "edge = 1\nwithin = nan": "panels.within must be a length",
     'edge = 1\n"a\\u001b[31mb\\n" = 2': "panels.'a\\x1b[31mb\\n' is not a known key",
@@ -311,7 +313,9 @@ def test_input_that_cannot_be_read_is_refused(tmp_path: Path, refused: Refused, 
 
 def test_bad_group_of_real_files_is_no_surface(data_folder: Path, refused: Refused) -> None:
     for name in ("QuadMesh.off", "suzanne.ply", "faces_reversed.obj", "joined_tetrahedra.obj"):
-        assert "a surface must be a design" in refused("panelize", data_folder / name, "--edge", "1")
+        assert "a surface must be a design" in refused(
+            "panelize", data_folder / name, "--edge", "1"
+        )
 
 
 OPTIONS = {

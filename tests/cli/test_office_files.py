@@ -58,9 +58,7 @@ def test_far_roof_keeps_unit_and_place_and_stays_exact(far_roof: Path) -> None:
         assert np.abs(reached - distance).max() < 1e-6
 
 
-def test_far_roof_is_the_near_one_moved(
-    far_roof: Path, pqmesh: Command, tmp_path: Path
-) -> None:
+def test_far_roof_is_the_near_one_moved(far_roof: Path, pqmesh: Command, tmp_path: Path) -> None:
     models.write_roof_model(tmp_path / "near.3dm", unit="Meters", origin=(0.0, 0.0, 0.0))
     done = pqmesh(
         *("panelize", "near.3dm", "--select", "ROOF", "--outline", "near.3dm:SITE"),
@@ -91,7 +89,7 @@ def test_faces_that_do_not_join_are_panelled_each_on_its_own(
 ) -> None:
     model = models.Model("Meters")
     for shift, name in ((0.0, "west"), (72.0, "east")):
-        points = models.graph_net() + [shift, 0.0, 0.02 * shift]
+        points = models.graph_net() + np.array([shift, 0.0, 0.02 * shift])
         model.add(models.nurbs(points), "ROOF", name)
     model.write(tmp_path / "two.3dm")
     done = pqmesh("panelize", "two.3dm", "--edge", "6", "--no-figures", "-o", "out")
@@ -263,8 +261,10 @@ def test_keys_that_contradict_each_other_are_refused(
     refused: Refused, tmp_path: Path, section: str
 ) -> None:
     design = VAULT.replace("edge = 2", 'edge = 2\nwithin = "5 mm"\nflat = "2 mm"')
-    design = design if "panels.within" in CONTRADICTIONS[section] else design.replace(
-        'within = "5 mm"', ""
+    design = (
+        design
+        if "panels.within" in CONTRADICTIONS[section]
+        else design.replace('within = "5 mm"', "")
     )
     (tmp_path / "vault.toml").write_text(design + section)
     assert CONTRADICTIONS[section] in refused("panelize", "vault.toml", "-o", "out")
@@ -280,7 +280,9 @@ def test_message_tells_the_line_of_the_key(refused: Refused, tmp_path: Path) -> 
 
 
 def test_flat_mode_brings_the_mesh_closer_to_the_design(pqmesh: Command, tmp_path: Path) -> None:
-    text = VAULT.replace("x*y/60", "x*y/60 + x**3/900").replace("edge = 2", 'edge = 1.5\nkind = "planar"\nnetwork = "uv"')
+    text = VAULT.replace("x*y/60", "x*y/60 + x**3/900").replace(
+        "edge = 2", 'edge = 1.5\nkind = "planar"\nnetwork = "uv"'
+    )
     (tmp_path / "vault.toml").write_text(text + '[tolerance]\ndeviation = "1 m"\n')
     found = {}
     for flat in ("", "2 mm", "8 mm"):

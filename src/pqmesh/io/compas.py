@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pqmesh.errors import FormatError, PqmeshError
-from pqmesh.io.atomic import PathLike, shown_path
+from pqmesh.io.atomic import PathLike
 from pqmesh.io.foreign import DAMAGE, file_bytes, named
 from pqmesh.io.nurbs import surface_from_nurbs
 from pqmesh.io.obj import Polygons

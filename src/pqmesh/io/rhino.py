@@ -129,7 +129,9 @@ class _Face(NamedTuple):
 
 def _built(file: RhinoFile, faces: list[_Face]) -> SurfaceFile:
     """All patches about their common origin."""
-    origin = read_only(far_origin(np.concatenate([face.net.points.reshape(-1, 3) for face in faces])))
+    origin = read_only(
+        far_origin(np.concatenate([face.net.points.reshape(-1, 3) for face in faces]))
+    )
     patches = []
     for face in faces:
         try:

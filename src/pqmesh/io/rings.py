@@ -104,12 +104,12 @@ def _chains(pieces: list[Floats], near: float) -> list[Floats]:
 def _partners(ends: Floats, near: float) -> Indices:
     """The one other end at the place of each end."""
     tree = cKDTree(ends)
-    groups = tree.query_ball_point(ends, near)
+    groups: list[list[int]] = list(np.asarray(tree.query_ball_point(ends, near), dtype=object))
     partner = np.zeros(len(ends), dtype=np.int64)
     for i, group in enumerate(groups):
         others = [j for j in group if j != i]
         if not others:
-            gap = float(tree.query(ends[i], k=2)[0][1])
+            gap = float(np.asarray(tree.query(ends[i], k=2)[0])[1])
             raise SpecError(
                 f"An outline must be closed; it is open at {_place(ends[i])}, where the nearest "
                 f"other end is {gap:.3g} away. Close it there."

@@ -98,9 +98,7 @@ def plan_rims(patches: tuple[Patch, ...], outline: Any = None) -> list[Rings] | 
         union = shapely.intersection(union, shapely.Polygon(first, holes))
     parts = [p for p in getattr(union, "geoms", [union]) if p.geom_type == "Polygon" and p.area]
     parts.sort(key=lambda part: -part.area)
-    return [
-        (_ring(part.exterior), tuple(_ring(hole) for hole in part.interiors)) for part in parts
-    ]
+    return [(_ring(part.exterior), tuple(_ring(hole) for hole in part.interiors)) for part in parts]
 
 
 def _ring(line: Any) -> Floats:

@@ -80,8 +80,8 @@ class TriangleReference:
         feet, which = np.empty((n, 3)), np.zeros(n, dtype=np.int64)
         open_rows = np.arange(n)
         while len(open_rows):
-            distance, near = self._tree.query(points[open_rows], k=count)
-            distance, near = distance.reshape(-1, count), near.reshape(-1, count)
+            found = self._tree.query(points[open_rows], k=count)
+            distance, near = (np.asarray(part).reshape(-1, count) for part in found)
             places = _closest_on_triangles(self.corners[near], points[open_rows][:, None])
             gaps = norm(places - points[open_rows][:, None])
             best = gaps.argmin(axis=1)
