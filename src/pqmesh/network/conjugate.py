@@ -12,7 +12,7 @@ from pqmesh.network.curves import CurveNetwork
 from pqmesh.network.fields import STEEPEST, PairField, bending, conjugate_pair
 from pqmesh.network.given import Given
 from pqmesh.network.guides import GuideField, check_accord, curve_samples, guide_field
-from pqmesh.network.patch import Patch, paired_patch
+from pqmesh.network.patch import Patch, extent, paired_patch, sampled
 from pqmesh.network.spaced import spaced_network
 from pqmesh.network.walker import Inside
 from pqmesh.surface.base import Surface
@@ -62,18 +62,27 @@ def trace_conjugate_network(
     True
     """
     plan = _plan_field(given)
-    pair = conjugate_pair(plan, 0.0)
+    bend = _bend(surface, inside)
+    pair = conjugate_pair(plan, LEAST_ANGLE, LEAST_BENDING * bend)
     patch = paired_patch(surface, inside, pair)
-    shape = shape_data(surface.jet(patch.uv))
-    bend = float(np.median(np.abs(shape.k).max(axis=1)))
-    _check_upright(patch, shape.normal[:, 2])
+    _check_upright(patch)
     if isinstance(plan, GuideField):
         _check_guides(patch, given, plan)
     _check_bending(patch, pair, bend)
     _check_angle(patch, pair)
-    pair = conjugate_pair(plan, LEAST_BENDING * bend)
-    network = spaced_network("conjugate", paired_patch(surface, inside, pair), edge)
-    return network
+    return spaced_network("conjugate", patch, edge)
+
+
+def _bend(surface: Surface, inside: Inside | None) -> float:
+    """Median over the region of the larger curvature, 1/length."""
+    jet = sampled(surface, inside)[2]
+    bend = float(np.median(np.abs(shape_data(jet).k).max(axis=1)))
+    if bend * extent(jet.point) < 1e-9:
+        raise NetworkError(
+            f"The surface must bend, else all directions are conjugate; most of it has "
+            f"curvatures below {bend:.3g}. Choose another network or another surface."
+        )
+    return bend
 
 
 def _plan_field(given: Given) -> Callable[[Floats], Floats]:
@@ -85,8 +94,9 @@ def _plan_field(given: Given) -> Callable[[Floats], Floats]:
     return lambda points: np.tile(direction, (len(points), 1))
 
 
-def _check_upright(patch: Patch, rise: Floats) -> None:
-    """Refuse a surface that stands upright or turns over, from its normals' z at the samples."""
+def _check_upright(patch: Patch) -> None:
+    """Refuse a surface that stands upright or turns over."""
+    rise = shape_data(patch.surface.jet(patch.uv)).normal[:, 2]
     side = np.sign(np.median(rise))
     worst = int((side * rise).argmin())
     if side * rise[worst] < STEEPEST:
@@ -116,7 +126,7 @@ def _check_bending(patch: Patch, pair: PairField, bend: float) -> None:
     """Refuse family 0 where every direction is conjugate to it."""
     bent = bending(patch.surface.jet(patch.uv), pair(patch.surface, patch.uv).steps[:, 0])
     worst = int(bent.argmin())
-    if bend * patch.size < 1e-9 or bent[worst] < LEAST_BENDING * bend:
+    if bent[worst] < LEAST_BENDING * bend:
         raise NetworkError(
             f"The surface must bend along family 0, else no direction is conjugate to it alone; "
             f"near {_place(patch, worst)} it bends by {bent[worst]:.3g}, with curvatures around "

@@ -58,7 +58,9 @@ def parameter_pair(surface: Surface, uv: Floats) -> Pair:
     return paired(jet, np.column_stack([one, zero]), np.column_stack([zero, one]), one)
 
 
-def conjugate_pair(plan_direction: Callable[[Floats], Floats], least: float) -> PairField:
+def conjugate_pair(
+    plan_direction: Callable[[Floats], Floats], least_angle: float, least_bending: float
+) -> PairField:
     """A family that runs in given plan directions, and its conjugate one.
 
     Parameters
@@ -66,8 +68,10 @@ def conjugate_pair(plan_direction: Callable[[Floats], Floats], least: float) -> 
     plan_direction : callable
         Plan vectors (N, 2), of any length but 0, at surface points (N, 3). Family 0 are the
         surface curves that run along them in plan; family 1 is conjugate: II(a, b) = 0.
-    least : float, 1/length
-        The pair ends where the shape operator turns family 0 into less than this.
+    least_angle : float, radians
+        The pair ends where its directions meet under less than this, near asymptotic ones.
+    least_bending : float, 1/length
+        It ends where the shape operator turns family 0 into less than this.
 
     References: [thesis] definition 2.1.7; [docarmo1976] section 3.2; errata page, E3.
     """
@@ -75,9 +79,12 @@ def conjugate_pair(plan_direction: Callable[[Floats], Floats], least: float) -> 
     def pair(surface: Surface, uv: Floats) -> Pair:
         jet = surface.jet(uv)
         first = steps_of(jet, plan_tangents(jet, plan_direction(jet.point)))
-        bent = _product(second_form(jet), first)
-        found = paired(jet, first, np.column_stack([-bent[:, 1], bent[:, 0]]), np.ones(len(uv)))
-        return found._replace(margin=bending(jet, found.steps[:, 0]) - least)
+        image = _product(second_form(jet), first)
+        second = np.column_stack([-image[:, 1], image[:, 0]])
+        found = paired(jet, first, second, np.ones(len(uv)))
+        apart = found.sine / np.sin(least_angle) - 1.0
+        bent = bending(jet, found.steps[:, 0]) / least_bending - 1.0
+        return found._replace(margin=np.minimum(apart, bent))
 
     return pair
 

@@ -86,6 +86,7 @@ class Patch:
         """Lines of both families, at once where one field tells them apart."""
         first, second = self.fields
         if first is not second:
+            limits = limits._replace(passing=False)
             a, b = (
                 trace(self.surface, field, *start, limits)
                 for field, start in zip(self.fields, seeds, strict=True)

@@ -42,7 +42,7 @@ _HAIR = 1e-7
 
 
 class End(IntEnum):
-    """Why a line ends."""
+    """Why a line ends; `UMBILIC` wherever the directions that it follows do."""
 
     RUNNING = 0
     BOUNDARY = 1
@@ -83,7 +83,8 @@ class Limits(NamedTuple):
 
     `tolerance` bounds the local error of a step; `outside` is how long a line may stay outside
     the region before it is given up; a line that comes back beside its seed by less than `turn`
-    winds like a spiral and ends there.
+    winds like a spiral and ends there; with `passing` it may go on over places where its field
+    is not defined but runs smoothly on both sides, as over a line of umbilics.
     """
 
     step: float
@@ -92,6 +93,7 @@ class Limits(NamedTuple):
     turn: float
     inside: Inside | None = None
     outside: float = np.inf
+    passing: bool = True
 
 
 class Step(NamedTuple):
@@ -271,10 +273,12 @@ class Walker:
         They do so over a line of umbilics, which may be crossed. Around an isolated umbilic they
         turn by half the angle or faster: by 22 degrees or more on the diagonals.
         """
+        smooth = np.full(len(rows), self.limits.passing)
+        if not self.limits.passing:
+            return smooth
         place = dense[:, 0] + part[:, None] * dense[:, 1]
         reference = self.heading.direction[rows]
         aside = 0.5 * self.limits.step
-        smooth = np.ones(len(rows), dtype=np.bool_)
         for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
             shift = a * self.heading.velocity[rows] + b * self.heading.across[rows]
             there = self._head(place + aside * shift, reference)
