@@ -10,7 +10,7 @@ import numpy as np
 from pqmesh.network.trace import Field, Heading
 from pqmesh.surface.base import Jet, Surface
 from pqmesh.surface.curvature import second_form
-from pqmesh.vectors import TINY, Floats, Mask, cross, dot, norm, unit
+from pqmesh.vectors import TINY, Floats, Indices, cross, dot, norm, unit
 
 # A surface steeper than this against the plan takes no directions from there.
 STEEPEST = np.cos(np.radians(87.0))
@@ -135,23 +135,22 @@ def paired(jet: Jet, first: Floats, second: Floats, margin: Floats) -> Pair:
     return Pair(steps / length, vectors / length, margin)
 
 
-def family_field(pair: PairField, family: int) -> Field:
-    """Field that follows one direction of a pair, its sign by continuity.
+def pair_field(pair: PairField) -> Field:
+    """Field that follows one direction of a pair, by family; its sign by continuity.
 
     The other way to follow a pair, the direction nearest to the last heading, would change
     families where they meet under a small angle.
     """
 
-    def heading(surface: Surface, uv: Floats, reference: Floats) -> Heading:
-        found = pair(surface, uv)
-        direction = found.directions[:, family]
-        back: Mask = dot(direction, reference) < 0
-        sign = np.where(back, -1.0, 1.0)[:, None]
+    def heading(surface: Surface, uv: Floats, reference: Floats, family: Indices) -> Heading:
+        found, row = pair(surface, uv), np.arange(len(uv))
+        direction = found.directions[row, family]
+        sign = np.where(dot(direction, reference) < 0, -1.0, 1.0)[:, None]
         return Heading(
-            sign * found.steps[:, family],
-            found.steps[:, 1 - family],
+            sign * found.steps[row, family],
+            found.steps[row, 1 - family],
             sign * direction,
-            np.full(len(uv), family),
+            family.copy(),
             found.margin,
         )
 

@@ -84,12 +84,13 @@ class _GeodesicWalker(Walker):
     def __init__(self, surface: Surface, seeds: Floats, limits: Limits, least: float) -> None:
         # No focal point is passed.
         limits = limits._replace(passing=False)
-        super().__init__(surface, self._along, limits, np.concatenate([seeds, seeds]))
+        family = np.zeros(2 * len(seeds), dtype=np.int64)
+        super().__init__(surface, self._along, limits, np.concatenate([seeds, seeds]), family)
         self.least = least
         self.jacobi = np.tile([1.0, 0.0], (len(self.uv), 1))
         self.tried_jacobi = self.jacobi
 
-    def _along(self, surface: Surface, uv: Floats, reference: Floats) -> Heading:
+    def _along(self, surface: Surface, uv: Floats, reference: Floats, _: Indices) -> Heading:
         """Heading along given tangent vectors: that of the seeds."""
         jet = surface.jet(uv)
         data = shape_data(jet)
