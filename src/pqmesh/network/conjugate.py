@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from pqmesh.errors import NetworkError
 from pqmesh.network.curves import CurveNetwork
 from pqmesh.network.fields import STEEPEST, PairField, bending, conjugate_pair
 from pqmesh.network.given import Given
-from pqmesh.network.guides import GuideCurve, GuideField
-from pqmesh.network.patch import Patch, paired_patch
+from pqmesh.network.guides import GuideField, check_accord, curve_samples, guide_field
+from pqmesh.network.patch import Patch, extent, paired_patch, sampled
 from pqmesh.network.spaced import spaced_network
 from pqmesh.network.walker import Inside
 from pqmesh.surface.base import Surface
@@ -61,31 +62,41 @@ def trace_conjugate_network(
     True
     """
     plan = _plan_field(given)
-    pair = conjugate_pair(plan, 0.0)
+    bend = _bend(surface, inside)
+    pair = conjugate_pair(plan, LEAST_ANGLE, LEAST_BENDING * bend)
     patch = paired_patch(surface, inside, pair)
-    shape = shape_data(surface.jet(patch.uv))
-    bend = float(np.median(np.abs(shape.k).max(axis=1)))
-    _check_upright(patch, shape.normal[:, 2])
+    _check_upright(patch)
     if isinstance(plan, GuideField):
-        _check_guides(patch, plan)
+        _check_guides(patch, given, plan)
     _check_bending(patch, pair, bend)
     _check_angle(patch, pair)
-    pair = conjugate_pair(plan, LEAST_BENDING * bend)
-    network = spaced_network("conjugate", paired_patch(surface, inside, pair), edge)
-    return network
+    return spaced_network("conjugate", patch, edge)
+
+
+def _bend(surface: Surface, inside: Inside | None) -> float:
+    """Median over the region of the larger curvature, 1/length."""
+    jet = sampled(surface, inside)[2]
+    bend = float(np.median(np.abs(shape_data(jet).k).max(axis=1)))
+    if bend * extent(jet.point) < 1e-9:
+        raise NetworkError(
+            f"The surface must bend, else all directions are conjugate; most of it has "
+            f"curvatures below {bend:.3g}. Choose another network or another surface."
+        )
+    return bend
 
 
 def _plan_field(given: Given) -> Callable[[Floats], Floats]:
     """Plan directions (N, 2) at surface points (N, 3)."""
     if given.curves:
-        return GuideField(tuple(GuideCurve(curve[:, :2]) for curve in given.curves))
+        return guide_field(given.curves)
     angle = float(given.direction or 0.0)
     direction = np.array([np.cos(angle), np.sin(angle)])
     return lambda points: np.tile(direction, (len(points), 1))
 
 
-def _check_upright(patch: Patch, rise: Floats) -> None:
-    """Refuse a surface that stands upright or turns over, from its normals' z at the samples."""
+def _check_upright(patch: Patch) -> None:
+    """Refuse a surface that stands upright or turns over."""
+    rise = shape_data(patch.surface.jet(patch.uv)).normal[:, 2]
     side = np.sign(np.median(rise))
     worst = int((side * rise).argmin())
     if side * rise[worst] < STEEPEST:
@@ -96,25 +107,26 @@ def _check_upright(patch: Patch, rise: Floats) -> None:
         )
 
 
-def _check_guides(patch: Patch, field: GuideField) -> None:
+def _check_guides(patch: Patch, given: Given, field: GuideField) -> None:
     """Refuse curves that miss the region, or do not say where to go."""
-    low, high = (end(patch.points[:, :2], axis=0) for end in (np.min, np.max))
-    pace = np.sqrt(np.prod(high - low) / len(patch.points))
-    for number, curve in enumerate(field.curves):
-        gap = float(np.min(curve.tree.query(patch.points[:, :2])[0]))
+    tree = cKDTree(patch.points[:, :2])
+    pace = np.sqrt(np.prod(np.ptp(patch.points[:, :2], axis=0)) / len(patch.points))
+    shares = np.linspace(0.0, 1.0, 200)
+    for number, curve in enumerate(given.curves):
+        gap = float(np.min(tree.query(curve_samples(curve[:, :2], shares)[0])[0]))
         if gap > 2.0 * pace:
             raise NetworkError(
                 f"A given curve must pass over the region; curve {number} stays "
                 f"{gap:.4g} away from it in plan. Move the curve, and check its units."
             )
-    field.check(patch.points)
+    check_accord(field, patch.points)
 
 
 def _check_bending(patch: Patch, pair: PairField, bend: float) -> None:
     """Refuse family 0 where every direction is conjugate to it."""
     bent = bending(patch.surface.jet(patch.uv), pair(patch.surface, patch.uv).steps[:, 0])
     worst = int(bent.argmin())
-    if bend * patch.size < 1e-9 or bent[worst] < LEAST_BENDING * bend:
+    if bent[worst] < LEAST_BENDING * bend:
         raise NetworkError(
             f"The surface must bend along family 0, else no direction is conjugate to it alone; "
             f"near {_place(patch, worst)} it bends by {bent[worst]:.3g}, with curvatures around "

@@ -33,8 +33,8 @@ class CurveNetwork:
     found : Crossings
     kind : str
         A key of `pqmesh.network.kinds.NETWORKS`.
-    fields : (Field, Field), optional
-        What the lines of each family follow.
+    field : Field, optional
+        What the lines follow.
     focal : tuple of (family, (2,) parameters, (3,) place)
         Where the lines of a geodesic family focus: one entry a line end.
     """
@@ -43,7 +43,7 @@ class CurveNetwork:
     families: tuple[Lines, Lines]
     found: Crossings
     kind: str = "principal"
-    fields: tuple[Field, Field] | None = None
+    field: Field | None = None
     focal: tuple[Focus, ...] = ()
 
     @cached_property
@@ -55,16 +55,17 @@ class CurveNetwork:
     def slopes(self) -> Floats:
         """Parameter steps along both families at the crossings, of any length, (N, 2, 2).
 
-        Those of the fields where there are any: the slope of dense output is less true by some
+        Those of the field where there is one: the slope of dense output is less true by some
         digits.
         """
         jet, steps = self.surface.jet(self.found.uv), []
         for family, lines in enumerate(self.families):
             line, arc = self.found.lines[:, family], self.found.arcs[:, family]
             step = lines.slope(*lines.locate(line, arc))
-            if self.fields is not None:
+            if self.field is not None:
                 along = jet.du * step[:, :1] + jet.dv * step[:, 1:]
-                step = self.fields[family](self.surface, self.found.uv, along).velocity
+                which = np.full(len(line), family)
+                step = self.field(self.surface, self.found.uv, along, which).velocity
             steps.append(step)
         return np.stack(steps, axis=1)
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from pqmesh.network.trace import Field, Heading
 from pqmesh.surface.base import Jet, Surface
-from pqmesh.surface.curvature import first_form, second_form, shape_data
-from pqmesh.vectors import TINY, Floats, Mask, cross, norm
+from pqmesh.surface.curvature import second_form
+from pqmesh.vectors import TINY, Floats, Indices, cross, dot, norm, unit
 
 # A surface steeper than this against the plan takes no directions from there.
 STEEPEST = np.cos(np.radians(87.0))
@@ -58,7 +58,9 @@ def parameter_pair(surface: Surface, uv: Floats) -> Pair:
     return paired(jet, np.column_stack([one, zero]), np.column_stack([zero, one]), one)
 
 
-def conjugate_pair(plan_direction: Callable[[Floats], Floats], least: float) -> PairField:
+def conjugate_pair(
+    plan_direction: Callable[[Floats], Floats], least_angle: float, least_bending: float
+) -> PairField:
     """A family that runs in given plan directions, and its conjugate one.
 
     Parameters
@@ -66,8 +68,10 @@ def conjugate_pair(plan_direction: Callable[[Floats], Floats], least: float) -> 
     plan_direction : callable
         Plan vectors (N, 2), of any length but 0, at surface points (N, 3). Family 0 are the
         surface curves that run along them in plan; family 1 is conjugate: II(a, b) = 0.
-    least : float, 1/length
-        The pair ends where the shape operator turns family 0 into less than this.
+    least_angle : float, radians
+        The pair ends where its directions meet under less than this, near asymptotic ones.
+    least_bending : float, 1/length
+        It ends where the shape operator turns family 0 into less than this.
 
     References: [thesis] definition 2.1.7; [docarmo1976] section 3.2; errata page, E3.
     """
@@ -75,9 +79,12 @@ def conjugate_pair(plan_direction: Callable[[Floats], Floats], least: float) -> 
     def pair(surface: Surface, uv: Floats) -> Pair:
         jet = surface.jet(uv)
         first = steps_of(jet, plan_tangents(jet, plan_direction(jet.point)))
-        bent = np.einsum("nij,nj->ni", second_form(jet), first)
-        found = paired(jet, first, np.column_stack([-bent[:, 1], bent[:, 0]]), np.ones(len(uv)))
-        return found._replace(margin=bending(jet, found.steps[:, 0]) - least)
+        image = _product(second_form(jet), first)
+        second = np.column_stack([-image[:, 1], image[:, 0]])
+        found = paired(jet, first, second, np.ones(len(uv)))
+        apart = found.sine / np.sin(least_angle) - 1.0
+        bent = bending(jet, found.steps[:, 0]) / least_bending - 1.0
+        return found._replace(margin=np.minimum(apart, bent))
 
     return pair
 
@@ -88,15 +95,14 @@ def plan_tangents(jet: Jet, plan: Floats) -> Floats:
     Each lies in the tangent plane and in the vertical plane of its plan vector, so it exists
     where the surface is upright as well, unless both planes are the same: there it is 0.
     """
-    normal = shape_data(jet).normal
-    rise = -(normal[:, :2] * plan).sum(axis=1)
+    normal = unit(cross(jet.du, jet.dv))
+    rise = -dot(normal[:, :2], plan)
     return np.asarray(np.column_stack([plan * normal[:, 2:], rise]))
 
 
 def steps_of(jet: Jet, tangents: Floats) -> Floats:
     """Parameter steps (N, 2) of tangent vectors (N, 3)."""
-    rows = np.stack([(jet.du * tangents).sum(axis=1), (jet.dv * tangents).sum(axis=1)], axis=1)
-    return np.asarray(np.linalg.solve(first_form(jet), rows[..., None])[..., 0])
+    return _raised(jet, np.stack([dot(jet.du, tangents), dot(jet.dv, tangents)], axis=1))
 
 
 def bending(jet: Jet, steps: Floats) -> Floats:
@@ -104,9 +110,21 @@ def bending(jet: Jet, steps: Floats) -> Floats:
 
     Where it vanishes every direction is conjugate to the step, and none is singled out.
     """
-    bent = np.einsum("nij,nj->ni", second_form(jet), steps)
-    image = np.linalg.solve(first_form(jet), bent[..., None])[..., 0]
-    return norm(jet.du * image[:, :1] + jet.dv * image[:, 1:])
+    bent = _product(second_form(jet), steps)
+    return np.sqrt(np.maximum(dot(bent, _raised(jet, bent)), 0.0))
+
+
+def _raised(jet: Jet, products: Floats) -> Floats:
+    """Steps (N, 2) whose products with X_u and X_v are given: the first form is solved for."""
+    e, f, g = dot(jet.du, jet.du), dot(jet.du, jet.dv), dot(jet.dv, jet.dv)
+    p, q = products[:, 0], products[:, 1]
+    rows = np.stack([g * p - f * q, e * q - f * p], axis=1)
+    return np.asarray(rows / (e * g - f * f)[:, None])
+
+
+def _product(form: Floats, steps: Floats) -> Floats:
+    """Rows of forms (N, 2, 2) times steps (N, 2)."""
+    return np.asarray(np.einsum("nij,nj->ni", form, steps))
 
 
 def paired(jet: Jet, first: Floats, second: Floats, margin: Floats) -> Pair:
@@ -117,23 +135,22 @@ def paired(jet: Jet, first: Floats, second: Floats, margin: Floats) -> Pair:
     return Pair(steps / length, vectors / length, margin)
 
 
-def family_field(pair: PairField, family: int) -> Field:
-    """Field that follows one direction of a pair, its sign by continuity.
+def pair_field(pair: PairField) -> Field:
+    """Field that follows one direction of a pair, by family; its sign by continuity.
 
     The other way to follow a pair, the direction nearest to the last heading, would change
     families where they meet under a small angle.
     """
 
-    def heading(surface: Surface, uv: Floats, reference: Floats) -> Heading:
-        found = pair(surface, uv)
-        direction = found.directions[:, family]
-        back: Mask = (direction * reference).sum(axis=1) < 0
-        sign = np.where(back, -1.0, 1.0)[:, None]
+    def heading(surface: Surface, uv: Floats, reference: Floats, family: Indices) -> Heading:
+        found, row = pair(surface, uv), np.arange(len(uv))
+        direction = found.directions[row, family]
+        sign = np.where(dot(direction, reference) < 0, -1.0, 1.0)[:, None]
         return Heading(
-            sign * found.steps[:, family],
-            found.steps[:, 1 - family],
+            sign * found.steps[row, family],
+            found.steps[row, 1 - family],
             sign * direction,
-            np.full(len(uv), family),
+            family.copy(),
             found.margin,
         )
 

@@ -63,17 +63,15 @@ def trace_geodesic_network(
     spacing = (float(edge[1]), float(edge[0]))
     limits = tracing_limits(extent(jet.point), within, spacing)[2]
     centre = _centre(surface, uv, jet.point, given.through)
-    starts = trace_geodesics(
-        surface, np.tile(centre, (2, 1)), _axes(surface, centre, given.direction), limits
-    )
+    starts = _start_curves(surface, centre, _axes(surface, centre, given.direction), limits)
     families, focal = [], []
     for family in (0, 1):
-        start = selected(starts, np.array([1 - family]))
-        seeds = seeds_across(surface, start, *_steps(start, centre, spacing[family]))
-        lines = trace_geodesics(surface, *seeds, limits, NARROWEST)
-        focal += _foci(surface, family, lines, seeds, limits)
-        lines = _once(surface, start, lines, seeds[0])
-        families.append(_near(surface, lines, within))
+        rail = starts[1 - family]
+        uv, across = seeds_across(surface, rail, *_steps(rail, centre, spacing[family]))
+        lines = _once(surface, rail, trace_geodesics(surface, uv, across, limits, NARROWEST), uv)
+        near = _near(surface, lines, within)
+        families.append(selected(lines, near))
+        focal += _foci(surface, family, families[-1], (uv[near], across[near]), limits)
     found = crossings(surface, families[0], families[1])
     return CurveNetwork(surface, (families[0], families[1]), found, "geodesic", focal=tuple(focal))
 
@@ -123,6 +121,16 @@ def _axes(surface: Surface, uv: Floats, direction: float | None) -> Floats:
         first = shape.directions[:, 0] if gap > UMBILIC_GAP * bend else shape.frame[:, 0]
     first = unit(first)
     return np.concatenate([first, cross(shape.normal, first)])
+
+
+def _start_curves(
+    surface: Surface, centre: Floats, axes: Floats, limits: Limits
+) -> tuple[Lines, Lines]:
+    """The two start curves: each is the line through the centre of the family beside it."""
+    both = trace_geodesics(surface, np.tile(centre, (2, 1)), axes, limits, NARROWEST)
+    a, b = selected(both, np.array([0])), selected(both, np.array([1]))
+    seed = centre[None]
+    return _once(surface, b, a, seed), _once(surface, a, b, seed)
 
 
 def _steps(start: Lines, centre: Floats, step: float) -> tuple[Indices, Floats]:
@@ -193,7 +201,7 @@ def _once(surface: Surface, start: Lines, lines: Lines, seeds: Floats) -> Lines:
     return shortened(lines, np.maximum(low, 0.0), np.minimum(high, lines.total), End.COVERED)
 
 
-def _near(surface: Surface, lines: Lines, inside: Inside) -> Lines:
+def _near(surface: Surface, lines: Lines, inside: Inside) -> Indices:
     """Lines that come into the region, and one beyond on either side."""
     uv, owner = line_samples(surface, lines)
     within = np.zeros(len(lines), dtype=np.bool_)
@@ -201,4 +209,4 @@ def _near(surface: Surface, lines: Lines, inside: Inside) -> Lines:
     near = within.copy()
     near[1:] |= within[:-1]
     near[:-1] |= within[1:]
-    return selected(lines, np.flatnonzero(near))
+    return np.flatnonzero(near)

@@ -24,7 +24,7 @@ from pqmesh.network.walker import (
 )
 from pqmesh.surface.base import Jet, Surface
 from pqmesh.surface.curvature import gaussian_curvature, shape_data
-from pqmesh.vectors import Floats, Indices, Mask, cross, dot, unit
+from pqmesh.vectors import Floats, Indices, cross, dot, unit
 
 # A geodesic that comes back to its seed closes there if it has turned by less than the first
 # angle, goes on beside itself up to the second one, and crosses itself beyond.
@@ -82,12 +82,15 @@ class _GeodesicWalker(Walker):
     """Walker whose state is position, velocity and the Jacobi field with its rate."""
 
     def __init__(self, surface: Surface, seeds: Floats, limits: Limits, least: float) -> None:
-        super().__init__(surface, self._along, limits, np.concatenate([seeds, seeds]))
+        # No focal point is passed.
+        limits = limits._replace(passing=False)
+        family = np.zeros(2 * len(seeds), dtype=np.int64)
+        super().__init__(surface, self._along, limits, np.concatenate([seeds, seeds]), family)
         self.least = least
         self.jacobi = np.tile([1.0, 0.0], (len(self.uv), 1))
         self.tried_jacobi = self.jacobi
 
-    def _along(self, surface: Surface, uv: Floats, reference: Floats) -> Heading:
+    def _along(self, surface: Surface, uv: Floats, reference: Floats, _: Indices) -> Heading:
         """Heading along given tangent vectors: that of the seeds."""
         jet = surface.jet(uv)
         data = shape_data(jet)
@@ -135,10 +138,6 @@ class _GeodesicWalker(Walker):
         verdict = super()._at_umbilics(live, step, verdict)
         verdict.stop[verdict.stop == End.UMBILIC] = End.FOCAL
         return verdict
-
-    def _smooth_at(self, rows: Indices, dense: Floats, part: Floats) -> Mask:
-        """No focal point may be passed."""
-        return np.zeros(len(rows), dtype=np.bool_)
 
     def _at_seeds(self, live: Indices, step: Step, verdict: Verdict) -> Verdict:
         """A geodesic closes only where it passes its seed in the same direction."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pqmesh.errors import NetworkError
-from pqmesh.network.fields import PairField, family_field
+from pqmesh.network.fields import PairField, pair_field
 from pqmesh.network.lines import Lines, selected
 from pqmesh.network.trace import principal_field, trace
 from pqmesh.network.walker import Field, Inside, Limits
@@ -40,9 +40,8 @@ class Patch:
     clear, weak : (N,)
         Samples where the directions are as well defined as elsewhere, and those where they are
         hardly so: no line need pass there.
-    fields : (Field, Field)
-        What the lines of each family follow; the same one twice where it tells them apart by
-        itself.
+    field : Field
+        What the lines follow.
     pair : callable, optional
         Directions of both families anywhere; none where they are always at right angles.
     """
@@ -54,7 +53,7 @@ class Patch:
     directions: Floats
     clear: Mask
     weak: Mask
-    fields: tuple[Field, Field]
+    field: Field
     pair: PairField | None = None
 
     @property
@@ -83,19 +82,15 @@ class Patch:
         return np.asarray(np.stack([cos, turned], axis=1) @ shape.directions_uv)
 
     def traced(self, seeds: tuple[Seeds, Seeds], limits: Limits) -> tuple[Lines, Lines]:
-        """Lines of both families, at once where one field tells them apart."""
-        first, second = self.fields
-        if first is not second:
-            a, b = (
-                trace(self.surface, field, *start, limits)
-                for field, start in zip(self.fields, seeds, strict=True)
-            )
-            return a, b
+        """Lines of both families at once."""
         uv, directions = (np.concatenate(rows) for rows in zip(*seeds, strict=True))
-        lines = trace(self.surface, first, uv, directions, limits)
-        count = len(seeds[0][0])
+        counts = [len(places) for places, _ in seeds]
+        family = np.repeat([0, 1], counts)
+        if self.pair is not None:
+            limits = limits._replace(passing=False)
+        lines = trace(self.surface, self.field, uv, directions, limits, family)
         place = np.arange(len(lines))
-        return selected(lines, place[:count]), selected(lines, place[count:])
+        return selected(lines, place[: counts[0]]), selected(lines, place[counts[0] :])
 
     def seeds_on(self, rails: Lines, rail: Indices, arc: Floats) -> Seeds:
         """Parameters on rails at given arc lengths, and start directions across them."""
@@ -146,7 +141,7 @@ def principal_patch(surface: Surface, inside: Inside | None) -> Patch:
     least = UMBILIC_GAP * bend
     clear, weak = gaps >= 0.5 * np.median(gaps), gaps <= 10.0 * least
     field = principal_field(least)
-    return Patch(surface, within, uv, jet.point, shape.directions, clear, weak, (field, field))
+    return Patch(surface, within, uv, jet.point, shape.directions, clear, weak, field)
 
 
 def paired_patch(surface: Surface, inside: Inside | None, pair: PairField) -> Patch:
@@ -160,8 +155,8 @@ def paired_patch(surface: Surface, inside: Inside | None, pair: PairField) -> Pa
     within, uv, jet = sampled(surface, inside)
     found = pair(surface, uv)
     clear, weak = found.margin >= 0.5 * np.median(found.margin), found.margin <= 0.0
-    fields = family_field(pair, 0), family_field(pair, 1)
-    return Patch(surface, within, uv, jet.point, found.directions, clear, weak, fields, pair)
+    field = pair_field(pair)
+    return Patch(surface, within, uv, jet.point, found.directions, clear, weak, field, pair)
 
 
 def sampled(surface: Surface, inside: Inside | None) -> tuple[Inside, Floats, Jet]:

@@ -60,7 +60,7 @@ def spaced_network(
     _check_smooth(probe, coarse, spacing)
     families = Growth(patch, spacing, fine, most_lines).grown(probe)
     found = crossings(patch.surface, *families)
-    return CurveNetwork(patch.surface, families, found, kind, patch.fields)
+    return CurveNetwork(patch.surface, families, found, kind, patch.field)
 
 
 def check_edge(edge: tuple[float, float]) -> None:

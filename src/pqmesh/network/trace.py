@@ -13,7 +13,7 @@ from pqmesh.network.walker import Limits as Limits
 from pqmesh.network.walker import Walker
 from pqmesh.surface.base import Surface
 from pqmesh.surface.curvature import shape_data
-from pqmesh.vectors import Floats
+from pqmesh.vectors import Floats, Indices
 
 
 def principal_field(gap: float) -> Field:
@@ -27,7 +27,7 @@ def principal_field(gap: float) -> Field:
     References: [thesis] section 6.2; sign and family by continuity (errata page, E33).
     """
 
-    def heading(surface: Surface, uv: Floats, reference: Floats) -> Heading:
+    def heading(surface: Surface, uv: Floats, reference: Floats, _: Indices) -> Heading:
         shape = shape_data(surface.jet(uv))
         along = np.einsum("nfi,ni->nf", shape.directions, reference)
         family = np.abs(along).argmax(axis=1)
@@ -45,7 +45,12 @@ def principal_field(gap: float) -> Field:
 
 
 def trace(
-    surface: Surface, field: Field, seeds: Floats, directions: Floats, limits: Limits
+    surface: Surface,
+    field: Field,
+    seeds: Floats,
+    directions: Floats,
+    limits: Limits,
+    family: Indices | None = None,
 ) -> Lines:
     """Lines of a field through seed points, followed both ways to their exact ends.
 
@@ -58,8 +63,12 @@ def trace(
         Parameters inside the domain.
     directions : (L, 3)
         Start directions; the field decides the exact ones.
+    family : (L,), optional
+        Family of each line, for fields that need to be told.
     """
-    walker = Walker(surface, field, limits, np.concatenate([seeds, seeds]))
+    family = np.zeros(len(seeds), dtype=np.int64) if family is None else family
+    both = np.concatenate([seeds, seeds]), np.concatenate([family, family])
+    walker = Walker(surface, field, limits, *both)
     walker.begin(np.concatenate([directions, -directions]))
     while walker.advance():
         pass

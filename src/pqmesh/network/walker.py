@@ -42,7 +42,7 @@ _HAIR = 1e-7
 
 
 class End(IntEnum):
-    """Why a line ends."""
+    """Why a line ends; `UMBILIC` wherever the directions that it follows do."""
 
     RUNNING = 0
     BOUNDARY = 1
@@ -74,8 +74,9 @@ class Heading(NamedTuple):
     margin: Floats
 
 
-# (surface, uv (N,2) in the domain, reference directions (N,3)) -> Heading
-Field = Callable[[Surface, Floats, Floats], Heading]
+# (surface, uv (N,2) in the domain, reference directions (N,3), families (N,)) -> Heading; a field
+# that tells its families apart by the reference needs not be told.
+Field = Callable[[Surface, Floats, Floats, Indices], Heading]
 
 
 class Limits(NamedTuple):
@@ -83,7 +84,8 @@ class Limits(NamedTuple):
 
     `tolerance` bounds the local error of a step; `outside` is how long a line may stay outside
     the region before it is given up; a line that comes back beside its seed by less than `turn`
-    winds like a spiral and ends there.
+    winds like a spiral and ends there; with `passing` it may go on over places where its field
+    is not defined but runs smoothly on both sides, as over a line of umbilics.
     """
 
     step: float
@@ -92,6 +94,7 @@ class Limits(NamedTuple):
     turn: float
     inside: Inside | None = None
     outside: float = np.inf
+    passing: bool = True
 
 
 class Step(NamedTuple):
@@ -152,13 +155,15 @@ def surface_length(steps: Floats, along: Floats, across: Floats) -> Floats:
 class Walker:
     """State of all half lines; line i runs forwards as i and backwards as i + L."""
 
-    def __init__(self, surface: Surface, field: Field, limits: Limits, seeds: Floats) -> None:
+    def __init__(
+        self, surface: Surface, field: Field, limits: Limits, seeds: Floats, family: Indices
+    ) -> None:
         self.surface, self.field, self.limits = surface, field, limits
         self.domain = surface.domain
         fixed = ~np.array(self.domain.periodic)
         self.low = np.where(fixed, self.domain.low, -np.inf)
         self.high = np.where(fixed, self.domain.high, np.inf)
-        self.uv = seeds.astype(np.float64)
+        self.uv, self.family = seeds.astype(np.float64), family
         self.seed = self.uv.copy()
         jet = surface.jet(self.domain.reduce(seeds))
         self.seed_tangents = jet.du, jet.dv
@@ -171,15 +176,15 @@ class Walker:
 
     def begin(self, directions: Floats) -> None:
         """Exact start directions; seeds without one, or on a bound and leaving, end at once."""
-        self.heading = self._head(self.uv, directions)
+        self.heading = self._head(self.uv, directions, self.family)
         self.seed_direction = self.heading.direction.copy()
         self.end = np.where(self.heading.margin > 0, End.RUNNING, End.UMBILIC).astype(np.int64)
         velocity = self.heading.velocity
         leaving = (self.uv <= self.low) & (velocity < 0) | (self.uv >= self.high) & (velocity > 0)
         self.end[leaving.any(axis=1)] = End.BOUNDARY
 
-    def _head(self, uv: Floats, reference: Floats) -> Heading:
-        return self.field(self.surface, self.domain.reduce(uv), reference)
+    def _head(self, uv: Floats, reference: Floats, family: Indices) -> Heading:
+        return self.field(self.surface, self.domain.reduce(uv), reference, family)
 
     def advance(self) -> bool:
         """Try one step on every running line; False when none runs."""
@@ -201,10 +206,10 @@ class Walker:
 
     def _tried(self, live: Indices) -> Step:
         """Stages of one step and its continuous extension."""
-        reference = self.heading.direction[live]
+        reference, family = self.heading.direction[live], self.family[live]
 
         def motion(uv: Floats) -> tuple[Floats, Heading]:
-            heading = self._head(uv, reference)
+            heading = self._head(uv, reference, family)
             return heading.velocity, heading
 
         h = self.h[live][:, None]
@@ -271,13 +276,15 @@ class Walker:
         They do so over a line of umbilics, which may be crossed. Around an isolated umbilic they
         turn by half the angle or faster: by 22 degrees or more on the diagonals.
         """
+        smooth = np.full(len(rows), self.limits.passing)
+        if not self.limits.passing:
+            return smooth
         place = dense[:, 0] + part[:, None] * dense[:, 1]
         reference = self.heading.direction[rows]
         aside = 0.5 * self.limits.step
-        smooth = np.ones(len(rows), dtype=np.bool_)
         for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
             shift = a * self.heading.velocity[rows] + b * self.heading.across[rows]
-            there = self._head(place + aside * shift, reference)
+            there = self._head(place + aside * shift, reference, self.family[rows])
             smooth &= dot(there.direction, reference) > 0.97
         return smooth
 
