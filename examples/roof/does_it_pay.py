@@ -18,6 +18,7 @@ from pqmesh.network.kinds import trace_network
 from pqmesh import PolyMesh, QuadMesh, read_mesh
 from pqmesh.design import Design
 from pqmesh.fabricate.sizes import panel_sizes
+from pqmesh.io.outlines import read_outline
 from pqmesh.mesh.measure import plane_deviation
 from pqmesh.network.meshing import quads_from_network
 from pqmesh.offset.support import twist
@@ -85,8 +86,8 @@ def main(folder: Path) -> dict[str, dict[str, float]]:
     conical = read_mesh(folder / "mesh.obj")
     assert isinstance(conical, QuadMesh)
     design = Design.of(Design.read(HERE / "roof.toml")[0])
-    surface, outline = design.build_surface(HERE), design.build_outline()
-    inside = outline.on(surface)
+    surface = design.build_surface(HERE)
+    inside = read_outline(HERE / "site.svg", "roof", units=design.units).on(surface)
     network = trace_network("uv", surface, design.edges, inside)
     table = compared(conical, quads_from_network(network, inside).mesh)
     print_figures(table)
