@@ -3,14 +3,14 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-EXTRAS := fast,viz
+EXTRAS := fast,viz,aec
 OUT := out
 
 .DEFAULT_GOAL := help
 .PHONY: help setup roof test check verify bench docs clean
 
 help:
-	@echo "make roof    set up and panel the example roof into $(OUT)/roof"
+	@echo "make roof    set up, panel the example roof into $(OUT)/roof, and run its case study"
 	@echo "make test    set up and run the tests"
 	@echo "make check   format, lint, types, layers, doctests, tests"
 	@echo "make verify  every machine-checkable promise, as one table"
@@ -35,6 +35,7 @@ setup: $(VENV)/dev.stamp
 
 roof: $(VENV)/run.stamp
 	$(BIN)/pqmesh panelize examples/roof/roof.toml -o $(OUT)/roof
+	$(BIN)/python examples/roof/case_study.py $(OUT)/roof
 
 test: $(VENV)/test.stamp
 	$(BIN)/python -m pytest

@@ -13,9 +13,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 
 import spine
+import study
 from table import show
 
-GROUPS = {"spine": spine.groups}
+GROUPS = {"spine": spine.groups, "study": study.groups}
 
 
 def main(wanted: list[str]) -> int:

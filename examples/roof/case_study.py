@@ -76,11 +76,9 @@ def modified(roof: Panelization, sketch: Surface) -> dict[str, Any]:
     }
 
 
-def compare(
-    surface: Surface, outline: PlanOutline, edges: tuple[float, float]
-) -> tuple[networks.Comparison, dict[str, bytes]]:
+def compare(surface: Surface, outline: PlanOutline) -> tuple[networks.Comparison, dict[str, bytes]]:
     """Three networks on the roof, and their pictures."""
-    starts, found = networks.study(surface, outline, edges)
+    starts, found = networks.study(surface, outline)
     return found, pictures.networks_picture(starts, found, outline) | pictures.warp_picture(found)
 
 
@@ -91,10 +89,11 @@ def main(folder: Path) -> dict[str, Any]:
     surface, spec = read_surface("roof.toml")
     with ProcessPoolExecutor(1) as pool:
         # Half of the work, and independent of the rest.
-        aside = pool.submit(compare, surface, outline, spec.edges)
+        aside = pool.submit(compare, surface, outline)
         drawn, _ = read_surface("sketch.toml")
         sketch = measured.traced(drawn, outline, spec.edges)
         roof = panelize(surface, spec, outline)
+        grid = networks.start_of("uv", surface, outline, spec.edges[0])
         images = pictures.sketch_pictures(sketch, outline, around)
         images |= pictures.roof_pictures(roof, drawn, around) | pictures.optimised_pictures(roof)
         compared, more = aside.result()
@@ -105,7 +104,7 @@ def main(folder: Path) -> dict[str, Any]:
         "roof": modified(roof, drawn),
         "networks": compared.rows,
         "warp": compared.curves,
-        "does_it_pay": does_it_pay.compared(roof.mesh, compared.grid),
+        "does_it_pay": does_it_pay.compared(roof.mesh, grid.mesh),
     }
     print_study(study)
     files = {f"case-study/{name}.png": data for name, data in sorted(images.items())}

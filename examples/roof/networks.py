@@ -57,7 +57,7 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """What became of three networks, and a parameter grid of the roof's own edge.
+    """What became of three networks.
 
     Attributes
     ----------
@@ -67,7 +67,6 @@ class Comparison:
 
     rows: list[dict[str, Any]]
     curves: dict[str, list[dict[str, Any]]]
-    grid: QuadMesh
 
 
 def start_of(kind: str, surface: Surface, outline: PlanOutline, edge: float) -> Start:
@@ -125,13 +124,10 @@ def warp_curve(
     ]
 
 
-def study(
-    surface: Surface, outline: PlanOutline, edges: tuple[float, float]
-) -> tuple[list[Start], Comparison]:
-    """The three networks and what becomes of them, for a roof with the given edges."""
+def study(surface: Surface, outline: PlanOutline) -> tuple[list[Start], Comparison]:
+    """The three networks on a roof, and what becomes of them."""
     starts = [start_of(kind, surface, outline, EDGE) for kind in KINDS]
     rows = [made(start, goal) for start in starts for goal in ("planar", "conical")]
     exact = {row["network"]: row for row in rows if row["goal"] == "planar"}
     curves = {s.kind: warp_curve(s, exact[s.kind], WARPS[s.kind]) for s in starts}
-    grid = start_of("uv", surface, outline, edges[0])
-    return starts, Comparison(rows, curves, grid.mesh)
+    return starts, Comparison(rows, curves)

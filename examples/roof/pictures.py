@@ -56,7 +56,7 @@ def roof_pictures(roof: Panelization, sketch: Surface, around: Surroundings) -> 
             roof.network,
             lambda uv: height_between(roof.surface, sketch, uv),
             region=roof.outline,
-            label="below the sketch by",
+            label="below the sketch",
             units="m",
             title="The modified surface and its lines of curvature",
         ),
@@ -125,7 +125,8 @@ def networks_picture(
         region=outline,
         units="m",
         title="Three networks on the roof",
-        caption=f"panels of {EDGE:g} m, each mesh made flat and made conical; in mean edges",
+        caption=f"panels of {EDGE:g} m, and how far their nodes move until all panels are flat, "
+        "or flat and conical",
         camera=Camera.orbit(np.zeros(3), np.radians(-105.0), np.radians(62.0)),
     )
     return {"6-1-networks": picture}

@@ -10,25 +10,38 @@ import pytest
 from shapes import curved_mesh, polygon_mesh
 
 from pqmesh.errors import MeshError, PqmeshError
+from pqmesh.fabricate.trim import trimmed_panels
 from pqmesh.mesh.exact import grid_mesh, rotational_mesh
 from pqmesh.mesh.measure import fitted_cones, planarity_deviation
 from pqmesh.network.meshing import quads_from_network
 from pqmesh.network.principal import trace_principal_network
 from pqmesh.network.region import PlanOutline
 from pqmesh.surface.analytic import ellipsoid, sphere, torus
+from pqmesh.surface.formula import graph_surface
 from pqmesh.surface.umbilics import Umbilic
 from pqmesh.view.camera import Box, Camera, View
+from pqmesh.view.crosses import cross_arms
 from pqmesh.view.figures import (
+    NamedNetwork,
+    Series,
+    Surroundings,
+    chart_figure,
     comparison_figure,
+    difference_figure,
+    directions_figure,
     layers_figure,
+    layout_figure,
     measure_figure,
     network_figure,
+    networks_figure,
     node_figure,
+    site_figure,
     typical_node,
     viability_figure,
 )
 from pqmesh.view.measures import vertex_cells
 from pqmesh.view.patches import surface_patches
+from pqmesh.view.plan import level_pieces
 from pqmesh.view.scene import Scene
 from pqmesh.view.sheet import ColorScale
 
@@ -276,3 +289,99 @@ def test_typical_node_is_inside_and_missing_on_a_strip():
     assert 0 <= typical_node(closed_torus()) < 240
     with pytest.raises(MeshError, match="interior vertex"):
         typical_node(curved_mesh(1, 6))
+
+
+# --- sites, crosses, comparisons, charts ----------------------------------------------------------
+
+
+SITE = PlanOutline([[-0.5, -0.4], [0.6, -0.5], [0.5, 0.45], [-0.45, 0.5]])
+AROUND = Surroundings(
+    (np.array([[0.7, -0.4], [1.0, -0.4], [1.0, 0.3], [0.7, 0.3]]),),
+    (("Hall", (0.85, 0.0)), ("Far away", (9.0, 9.0))),
+)
+
+
+def hill():
+    return graph_surface("0.6 - 0.4*x**2 - 0.2*y**2 + 0.1*x*y", (-0.9, 0.9), (-0.8, 0.8))
+
+
+def hill_network():
+    surface = hill()
+    return trace_principal_network(surface, (0.1, 0.1), SITE.on(surface))
+
+
+def hill_panels():
+    x, y = np.meshgrid(np.linspace(-0.8, 0.8, 17), np.linspace(-0.7, 0.7, 15), indexing="ij")
+    mesh = grid_mesh(np.stack([x, y, 0.2 * x**2 - 0.1 * y**2], -1))
+    return trimmed_panels(mesh, SITE, 0.1)
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        lambda: site_figure(hill(), SITE, AROUND, units="m"),
+        lambda: layout_figure(hill_panels(), AROUND, units="m"),
+        lambda: directions_figure(hill(), SITE, units="m"),
+        lambda: difference_figure(
+            hill_network(), lambda uv: uv[:, 0] ** 2, region=SITE, label="below", units="m"
+        ),
+        lambda: networks_figure(
+            [NamedNetwork("one", hill_network(), ("a", "b"))] * 3, region=SITE, units="m"
+        ),
+        lambda: chart_figure(
+            [Series("s", "#c2452d", {0.0: 3.0, 1.0: 0.0}, frozenset([1.0]))],
+            across="x (mm)",
+            up="y (mm)",
+            least=0.1,
+        ),
+    ],
+    ids=["site", "layout", "directions", "difference", "networks", "chart"],
+)
+def test_picture_has_its_size_and_the_same_bytes_twice(draw):
+    first = draw()
+    assert size_of(first) == (1600, 1000)
+    assert first == draw()
+
+
+def test_buildings_are_on_the_site_that_has_them():
+    with_buildings = pixels_of(site_figure(hill(), SITE, AROUND, units="m", caption=" "))
+    alone = pixels_of(site_figure(hill(), SITE, units="m", caption=" "))
+    building = np.array([int("bdb6aa"[i : i + 2], 16) for i in (0, 2, 4)]) / 255.0
+
+    def amount(pixels):
+        return int((np.abs(pixels - building).max(axis=2) < 0.004).sum())
+
+    assert amount(with_buildings) > 20 * amount(alone)
+
+
+def test_cut_panels_and_slivers_have_their_colours():
+    panels = hill_panels()
+    assert panels.is_trimmed.any()
+    assert len(panels.slivers)
+    pixels = pixels_of(layout_figure(panels, units="m"))
+    red = (pixels[..., 0] > 0.6) & (pixels[..., 1] < 0.35)
+    sand = (pixels[..., 0] > 0.8) & (pixels[..., 2] < 0.55) & (pixels[..., 1] > 0.6)
+    # Their plan areas, as shares of the cut area, appear as pixels of their colours.
+    slivers = panels.area_plan[panels.slivers].sum()
+    cut = panels.area_plan[panels.is_trimmed].sum() - slivers
+    assert sand.sum() > 3000
+    assert abs(red.sum() / sand.sum() - slivers / cut) < 0.1
+
+
+def test_lines_of_equal_height_lie_at_their_heights():
+    patches = surface_patches(hill(), SITE.on(hill()))
+    levels = level_pieces(patches.inner, 0.05)
+    assert len(levels) >= 4
+    for index, pieces in levels.items():
+        np.testing.assert_allclose(pieces[..., 2], 0.05 * index, atol=1e-14)
+
+
+def test_crosses_shrink_towards_an_umbilic():
+    surface = graph_surface("x**2 + y**2 + x**3", (-0.5, 0.5), (-0.5, 0.5))
+    first, second = cross_arms(surface, lambda uv: np.ones(len(uv), dtype=bool), 0.05)
+    length = np.linalg.norm(np.diff(first, axis=1)[:, 0], axis=1)
+    across = np.einsum("ni,ni->n", np.diff(first, axis=1)[:, 0], np.diff(second, axis=1)[:, 0])
+    nearest = np.linalg.norm(first.mean(axis=1)[:, :2], axis=1).argmin()
+    assert length[nearest] < 0.25 * length.max()
+    # Principal directions are at right angles.
+    np.testing.assert_allclose(across, 0.0, atol=1e-12)

@@ -58,7 +58,7 @@ def difference_figure(
         Length in the model unit, not negative, for parameters (n, 2).
     region : PlanOutline or predicate over parameters, optional
     label : str
-        What the difference is, for the colour bar.
+        What the difference is, such as "below the first design".
     units : str
         Model unit.
 
@@ -73,8 +73,8 @@ def difference_figure(
     values = np.asarray(difference(surface.domain.reduce(patches.inner_uv)))
     scale = replace(ColorScale.of(values), depth=DEPTH)
     if caption is None:
-        caption = f"{label}: largest {number(float(values.max()))} {units}, "
-        caption += f"mean {number(float(values.mean()))} {units}"
+        caption = f"{number(float(values.max()))} {units} {label} at most, "
+        caption += f"{number(float(values.mean()))} {units} in the mean"
     with paper(title or "Two states of a surface", caption) as sheet:
         scene = surface_scene(patches, camera, scale.colors(values), 0.35)
         _add_lines(scene, network, inside, patches, (LINE, LINE), 1.2)

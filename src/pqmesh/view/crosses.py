@@ -45,7 +45,7 @@ def directions_figure(
     """
     inside = predicate(region, surface)
     patches = surface_patches(surface, inside)
-    arms = _arms(surface, inside, extent(patches) / ACROSS)
+    arms = cross_arms(surface, inside, extent(patches) / ACROSS)
     words = f"{count(len(arms[0]), 'place')}  ·  {umbilic_words(umbilics)}"
     with paper(title or "Principal directions", words if caption is None else caption) as sheet:
         scene = surface_scene(patches, camera)
@@ -61,7 +61,7 @@ def directions_figure(
         return sheet.png()
 
 
-def _arms(surface: Surface, inside: Inside, apart: float) -> tuple[Floats, Floats]:
+def cross_arms(surface: Surface, inside: Inside, apart: float) -> tuple[Floats, Floats]:
     """Segments (n, 2, 3) along both principal directions at evenly spread places."""
     uv = _places(surface, inside, apart)
     jet = surface.jet(uv)

@@ -74,7 +74,7 @@ def site_figure(
         caption = f"{number(wide)} × {number(long)} {units}, {number(outline.area)} {units}² in "
         caption += f"plan  ·  heights from {number(low)} to {number(high)} {units}, a line every "
         caption += f"{number(step)} {units}"
-    levels = _level_pieces(patches.inner, step)
+    levels = level_pieces(patches.inner, step)
     rim = with_corners(surface, outline, patches)
     with paper(title or "Site plan", caption) as sheet:
         everything = [*outline.rings, *(around.buildings if around else ())]
@@ -211,7 +211,7 @@ def _heights(patches: Patches) -> tuple[float, float]:
     return float(z.min()), float(z.max())
 
 
-def _level_pieces(polygons: Floats, step: float) -> dict[int, Floats]:
+def level_pieces(polygons: Floats, step: float) -> dict[int, Floats]:
     """Segments (m, 2, 3) of lines of equal height on convex polygons (n, k, 3), by steps."""
     following = np.roll(polygons, -1, axis=1)
     z, ahead = polygons[..., 2], following[..., 2]
