@@ -154,9 +154,9 @@ def report_keys(table):
 def test_every_key_of_a_report_is_documented():
     torus = pqmesh.shape_surface("torus")
     roof = panelize(torus, Spec(edges=(1.2, 1.2), distances=(0.1,)))
-    tolerances = {"flat": 1e-4, "offset": 1e-4, "twist": 1e-2, "deviation": 1.0, "conical": 1e-6}
-    settings = {"source": "", "units": "m", "seed": 0, "design": {}, "tolerances": tolerances}
-    keys = set(report_keys(panelization_report(roof, **settings)))
+    design = Design.of({"surface": {"shape": {"kind": "torus"}}, "panels": {"edge": 1.2}})
+    report = panelization_report(roof, source="", design=design, origin=np.zeros(3))
+    keys = set(report_keys(report))
     skew = rotational_mesh([[2.0, 0.0], [2.4, 0.5], [2.5, 1.2]], np.array([0.0, 0.3, 0.7, 1.0]))
     keys |= set(report_keys(check_report(skew, source="", units=None, tolerance=1e-6)))
     assert keys <= documented("report.md")
