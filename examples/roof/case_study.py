@@ -28,9 +28,11 @@ from pqmesh.io.outlines import read_outline
 from pqmesh.io.strokes import flattened
 from pqmesh.job import Panelization, Spec, panelize
 from pqmesh.network.region import PlanOutline
+from pqmesh.report import deviation
 from pqmesh.results import json_bytes
 from pqmesh.source import read_design, spec_of
 from pqmesh.surface.base import Surface
+from pqmesh.surface.reference import SurfaceReference
 from pqmesh.view.plan import Surroundings
 
 HERE = Path(__file__).parent
@@ -59,6 +61,7 @@ def modified(roof: Panelization, sketch: Surface) -> dict[str, Any]:
     surface, outline = roof.surface, roof.outline
     uv = surface.domain.grid(300, 300).reshape(-1, 2)
     away = measured.height_between(surface, sketch, uv[outline.on(surface)(uv)])
+    reference = SurfaceReference(surface, roof.uv)
     found = measured.Traced(surface, roof.umbilics, roof.network, roof.network_mesh)
     return {
         "away_from_sketch_max": float(away.max()),
@@ -66,6 +69,7 @@ def modified(roof: Panelization, sketch: Surface) -> dict[str, Any]:
         **measured.character(surface, outline),
         "viability": measured.viability(found, outline),
         "before_after": measured.before_after(roof),
+        "deviation_max": deviation(roof.start, roof.mesh, reference)["max"],
         "layers": [
             {"distance": layer.distance, "distance_error_max": layer.distance_error_max}
             for layer in roof.layers
@@ -145,7 +149,7 @@ def print_viability(title: str, found: dict[str, Any]) -> None:
         print(f"  umbilic: {u['kind']} of index {u['index']:+g} at ({place}) m")
     print(f"  umbilics {len(found['umbilics'])}, least |k1 - k2| over the median ", end="")
     print(f"{found['gap_min_over_median']:.3f}")
-    print(f"  {found['panels']} panels cover {100 * found['covered_share']:.1f} % of the outline; ")
+    print(f"  {found['panels']} panels cover {100 * found['covered_share']:.1f} % of the outline;")
     print(f"  edges {found['edge_min']:.2f} to {found['edge_max']:.2f} m, ", end="")
     print(f"ratio {found['edge_ratio']:.1f}; {found['unusable_quads']} quads unusable")
 
@@ -161,6 +165,7 @@ def print_roof(roof: dict[str, Any]) -> None:
     for name, row in roof["before_after"].items():
         print(f"  {name:20}  {row['out_of_plane_mm']:20.2g}  ", end="")
         print(f"{row['angle_condition_deg']:20.2g}")
+    print(f"  the mesh ends at most {1e3 * roof['deviation_max']:.2g} mm from the surface")
     print("\n  layer, mm  panels  cut  slivers  area, m2  out of plane, m  cover error")
     for row in roof["built"]:
         print(

@@ -61,6 +61,7 @@ def trace_geodesic_network(
     """
     within, uv, jet = sampled(surface, inside)
     spacing = (float(edge[1]), float(edge[0]))
+    _check_count(extent(jet.point), min(spacing))
     limits = tracing_limits(extent(jet.point), within, spacing)[2]
     centre = _centre(surface, uv, jet.point, given.through)
     starts = _start_curves(surface, centre, _axes(surface, centre, given.direction), limits)
@@ -74,6 +75,15 @@ def trace_geodesic_network(
         focal += _foci(surface, family, families[-1], (uv[near], across[near]), limits)
     found = crossings(surface, families[0], families[1])
     return CurveNetwork(surface, (families[0], families[1]), found, "geodesic", focal=tuple(focal))
+
+
+def _check_count(size: float, step: float) -> None:
+    """Refuse steps that make lines beyond counting."""
+    if size / step > MOST_LINES:
+        raise NetworkError(
+            f"A network may have up to {MOST_LINES} lines in a family; steps of {step:g} on a "
+            f"region of size {size:.4g} need more. Choose longer edges."
+        )
 
 
 def _centre(
@@ -136,11 +146,6 @@ def _start_curves(
 def _steps(start: Lines, centre: Floats, step: float) -> tuple[Indices, Floats]:
     """Line 0 and arc lengths along a start curve at equal steps, one of them at the centre."""
     total = float(start.total[0])
-    if total / step > MOST_LINES:
-        raise NetworkError(
-            f"A network may have up to {MOST_LINES} lines in a family; steps of {step:g} along "
-            f"{total:.4g} need more. Choose longer edges."
-        )
     if start.closed[0]:
         count = max(round(total / step), 3)
         arcs = total / count * np.arange(count)

@@ -67,9 +67,10 @@ def _curve(points: Floats, number: int) -> Floats:
         raise SpecError(
             f"A given curve must be finite; curve {number} is not. Mend its coordinates."
         )
-    size = float(np.ptp(curve[:, :2], axis=0).max(initial=0.0))
-    steps = np.abs(np.diff(curve[:, :2], axis=0)).max(axis=1, initial=0.0)
-    kept = np.concatenate([[True], steps > 1e-9 * size])[: len(curve)]
+    plan = curve[:, :2]
+    steps = np.abs(np.diff(plan, axis=0)).max(axis=1, initial=0.0)
+    kept = np.concatenate([[True], steps > 1e-9 * np.abs(plan - plan[:1]).max(initial=0.0)])
+    kept = kept[: len(curve)]
     if kept.sum() < 2:
         raise SpecError(
             f"A given curve must have at least two points that differ in plan; curve {number} "
