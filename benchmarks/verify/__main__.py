@@ -12,11 +12,18 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 
+import files
+import office
 import spine
 import study
 from table import show
 
-GROUPS = {"spine": spine.groups, "study": study.groups}
+GROUPS = {
+    "spine": spine.groups,
+    "files": files.groups,
+    "office": office.groups,
+    "study": study.groups,
+}
 
 
 def main(wanted: list[str]) -> int:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
 import signal
 import sys
 import time
 import warnings
-from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,21 +15,28 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.exceptions import TyperException
 
-from pqmesh.errors import FormatError, MeshError, PqmeshError, SpecError
+from pqmesh.cli_said import Session, progress, roof_summary, say
+from pqmesh.cli_typed import (
+    SURFACE_SUFFIXES,
+    design_text,
+    edge_of,
+    file_and_name,
+    length,
+    lengths,
+    pairs,
+    put,
+)
+from pqmesh.errors import MeshError, PqmeshError, SpecError
 
 if TYPE_CHECKING:
     from pqmesh.design import Design
-    from pqmesh.design_text import DesignText
     from pqmesh.mesh.quadmesh import QuadMesh
-    from pqmesh.optimize.solver import Step
     from pqmesh.source import Source
     from pqmesh.surface.reference import Reference
 
 OK, BAD_INPUT, NOT_REACHED, INTERRUPTED = 0, 2, 3, 130
 # Model sizes beyond this, or below its inverse, leave the range of doubles when squared twice.
 LARGEST = 1e50
-# What `panelize` takes beside designs; the readers stand in source_faces.
-SURFACE_SUFFIXES = (".3dm", ".json")
 
 app = typer.Typer(
     name="pqmesh",
@@ -68,13 +73,6 @@ class Network(StrEnum):
     conjugate = "conjugate"
 
 
-class _Session:
-    """Options that hold for every command."""
-
-    quiet = False
-    debug = False
-
-
 def _version(wanted: bool) -> None:
     if wanted:
         import pqmesh
@@ -91,7 +89,7 @@ def _common(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
 ) -> None:
-    _Session.quiet, _Session.debug = quiet, debug
+    Session.quiet, Session.debug = quiet, debug
 
 
 @app.command()
@@ -152,28 +150,28 @@ def panelize(
     from pqmesh.design import Design
     from pqmesh.results import check_folder
 
-    text = _design_text(source)
+    text = design_text(source)
     options: dict[str, tuple[tuple[str, ...], Any]] = {
         "--kind": (("panels", "kind"), kind),
-        "--edge": (("panels", "edge"), _edge(edge)),
+        "--edge": (("panels", "edge"), edge_of(edge)),
         "--network": (("panels", "network"), network),
-        "--curves": (("panels", "curves"), _file_and_name(curves, text.folder)),
+        "--curves": (("panels", "curves"), file_and_name(curves, text.folder)),
         "--direction-deg": (("panels", "curves", "direction_deg"), direction_deg),
         "--select": (("surface", "select"), select),
-        "--outline": (("outline",), _file_and_name(outline, text.folder)),
+        "--outline": (("outline",), file_and_name(outline, text.folder)),
         "--boundary": (("boundary", "mode"), boundary),
-        "--layers": (("layers", "distances"), _lengths(layers)),
-        "--within": (("panels", "within"), _length(within)),
-        "--flat": (("panels", "flat"), _length(flat)),
-        "--extend": (("surface", "extend"), _length(extend)),
+        "--layers": (("layers", "distances"), lengths(layers)),
+        "--within": (("panels", "within"), length(within)),
+        "--flat": (("panels", "flat"), length(flat)),
+        "--extend": (("surface", "extend"), length(extend)),
         "--units": (("surface", "units"), units),
-        **{f"--tolerance {key}": (("tolerance", key), value) for key, value in _pairs(tolerance)},
+        **{f"--tolerance {key}": (("tolerance", key), value) for key, value in pairs(tolerance)},
         "--seed": (("run", "seed"), seed),
         "--allow-many": (("run", "most_panels"), 10**12 if allow_many else None),
     }
     given = {flag: option for flag, option in options.items() if option[1] is not None}
     for path, value in given.values():
-        _put(text.tables, path, value)
+        put(text.tables, path, value)
     if source.suffix.lower() != ".toml" and edge is None:
         raise SpecError(
             f"A surface file needs the wanted panel edge beside it; {source.name} came without. "
@@ -216,7 +214,7 @@ def _one_roof(
     from pqmesh.source import placed, spec_of
 
     read = time.perf_counter() - began
-    with _progress() as tell, placed(source.origin):
+    with progress() as tell, placed(source.origin):
         result = run(
             source.surface, spec_of(source, flip=flip), source.outline, tell, source.region
         )
@@ -229,9 +227,9 @@ def _one_roof(
             report["warnings"].append("no pictures: install the extra 'viz' for them")
         tell("write", None)
         write_panelization(output, result, report, origin=source.origin, figures=wanted, began=read)
-    _say(_summary(report, output))
+    say(roof_summary(report, output))
     for row in failed(report):
-        _say(f"not reached: {row['key']} {row['reached']:.3g}, asked {row['asked']:.3g}")
+        say(f"not reached: {row['key']} {row['reached']:.3g}, asked {row['asked']:.3g}")
     return NOT_REACHED if failed(report) else OK
 
 
@@ -262,7 +260,7 @@ def optimize(
     start = read_quad_mesh(mesh)
     _check_shape(start, mesh.name, edges=True)
     target = _reference(reference, start)
-    with _progress() as tell:
+    with progress() as tell:
         tell("optimize", None)
         solution = optimized(
             kind,
@@ -290,7 +288,7 @@ def optimize(
     write_files(files)
     before, after, deviation = found["before"], found["after"], found["deviation"]
     mean = before["edge_mean"]
-    _say(
+    say(
         f"{kind}: planarity {before['planarity_max']:.2e} -> {after['planarity_max']:.2e}, "
         f"moved {deviation['moved_max']:.4g} ({deviation['moved_max'] / mean:.3g} edges), "
         f"deviation rms {deviation['rms']:.4g} ({100 * deviation['rms'] / mean:.3g} % of an edge), "
@@ -298,7 +296,7 @@ def optimize(
         f"{solution.reason}"
     )
     for row in failed(found):
-        _say(f"not reached: {row['key']} {row['reached']:.3g}, asked {row['asked']:.3g}")
+        say(f"not reached: {row['key']} {row['reached']:.3g}, asked {row['asked']:.3g}")
     raise typer.Exit(NOT_REACHED if failed(found) else OK)
 
 
@@ -353,89 +351,10 @@ def example(
     check_folder(output)
     write_new(output, files)
     design = next(file for file in files if file.endswith(".toml"))
-    _say(f"wrote {', '.join(files)}; run: pqmesh panelize {output / design} -o out")
+    say(f"wrote {', '.join(files)}; run: pqmesh panelize {output / design} -o out")
 
 
 # --- helpers of the shell -------------------------------------------------------------------
-
-
-def _design_text(source: Path) -> DesignText:
-    """Tables of a design, or of a bare surface file."""
-    from pqmesh.design import Design
-    from pqmesh.design_text import DesignText, Where
-    from pqmesh.io.atomic import shown_path
-
-    suffix = source.suffix.lower()
-    if suffix == ".toml":
-        return Design.read(source)
-    shown = shown_path(source)
-    if not source.exists():
-        raise FormatError(f"The file {shown} must exist; it does not. Check the path.")
-    if suffix not in SURFACE_SUFFIXES or source.is_dir():
-        found = "a folder" if source.is_dir() else f"{suffix or 'no suffix'!r}"
-        raise FormatError(
-            f"{shown}: a surface must be a design (.toml), a Rhino model (.3dm), or a control net "
-            f"or COMPAS surface (.json); found {found}. Export it as one of these, or write it as "
-            f"a formula."
-        )
-    table = {"surface": {"file": source.name}}
-    return DesignText(table, source.parent, Where(shown_path(source.name)))
-
-
-def _put(table: dict[str, Any], path: tuple[str, ...], value: Any) -> None:
-    """An option that was given wins over the file; a wrong section is left to the check."""
-    for step in path[:-1]:
-        inner = table.setdefault(step, {})
-        if not isinstance(inner, dict):
-            return
-        table = inner
-    table[path[-1]] = value.value if isinstance(value, StrEnum) else value
-
-
-def _file_and_name(text: str | None, folder: Path) -> dict[str, str] | None:
-    """Keys of FILE[:NAME]; the whole text is the file where such a file exists.
-
-    Files of options are sought from where the command runs, those of a design from its folder.
-    """
-    if text is None:
-        return None
-    file, colon, name = text.rpartition(":")
-    # A single letter before a colon is a drive.
-    if not colon or len(file) < 2 or Path(text).exists():
-        file, name = text, ""
-    path = Path(file).absolute()
-    with contextlib.suppress(ValueError):  # another drive
-        path = Path(os.path.relpath(path, folder.absolute()))
-    return {"file": path.as_posix()} | ({"select": name} if name else {})
-
-
-def _length(text: str | None) -> float | str | None:
-    """A length of an option."""
-    return None if text is None else _number_or_text(text)
-
-
-def _edge(text: str | None) -> Any:
-    """One length, or a list of what stands between commas."""
-    lengths = _lengths(text)
-    return lengths[0] if lengths and len(lengths) == 1 else lengths
-
-
-def _lengths(text: str | None) -> list[float | str] | None:
-    """What stands between commas; nothing of an empty text."""
-    if text is None:
-        return None
-    return [_number_or_text(part) for part in text.split(",")] if text.strip() else []
-
-
-def _pairs(texts: list[str] | None) -> Iterator[tuple[str, float | str]]:
-    """Keys and values of KEY=VALUE."""
-    for text in texts or []:
-        key, found, value = text.partition("=")
-        if not found or not key.strip() or not value.strip():
-            raise SpecError(
-                f"A tolerance must be KEY=VALUE; found {text!r}. Write --tolerance flat=0.1mm, say."
-            )
-        yield key.strip(), _number_or_text(value)
 
 
 def _check_shape(mesh: QuadMesh, name: str, *, edges: bool) -> None:
@@ -464,14 +383,6 @@ def _positive(name: str, value: float | None) -> None:
         raise SpecError(f"{name} must be a number above 0; found {value:g}. Raise it.")
 
 
-def _number_or_text(part: str) -> float | str:
-    """A plain number as such, all else as text that may carry a unit."""
-    try:
-        return float(part)
-    except ValueError:
-        return part.strip()
-
-
 def _reference(path: Path | None, start: Any) -> Reference:
     """The surface to stay close to; the start mesh itself without one."""
     from pqmesh.surface.reference import SurfaceReference, TriangleReference
@@ -482,7 +393,7 @@ def _reference(path: Path | None, start: Any) -> Reference:
         from pqmesh.design import Design
         from pqmesh.source import opened_surface
 
-        text = _design_text(path)
+        text = design_text(path)
         # Only the surface counts here; a design without panels will do.
         text.tables.setdefault("panels", {"edge": 1.0})
         return SurfaceReference(opened_surface(Design.of(text.tables, text.where), text.folder))
@@ -492,57 +403,13 @@ def _reference(path: Path | None, start: Any) -> Reference:
     return TriangleReference.of_polygons(other.vertices, other.topology.face_lists())
 
 
-def _summary(report: dict[str, Any], output: Path) -> str:
-    """One line about a roof."""
-    after, deviation = report["after"], report["deviation"]
-    return (
-        f"{report['panels']['count']} panels ({report['orientation']}), planarity "
-        f"{after['planarity_max']:.1e}, twist "
-        f"{after['twist_max_deg'] if after['twist_max_deg'] is not None else 0.0:.1e} deg, "
-        f"deviation {deviation['max']:.3g} {report['units']}; written to {output}"
-    )
-
-
-def _say(text: str) -> None:
-    """A line on standard error, unless quiet."""
-    if not _Session.quiet:
-        typer.echo(text, err=True)
-
-
-@contextlib.contextmanager
-def _progress() -> Iterator[Any]:
-    """Told of stages and steps: a live line on a terminal, plain lines elsewhere."""
-    if _Session.quiet or not sys.stderr.isatty():
-        seen: list[str] = []
-
-        def plain(stage: str, step: Step | None) -> None:
-            if step is None:
-                _say(f"{stage} ...")
-            seen.append(stage)
-
-        yield plain
-        return
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("read")
-
-        def live(stage: str, step: Step | None) -> None:
-            detail = "" if step is None else f"  worst residual {step.hard:.1e}"
-            bar.update(task, description=stage + detail)
-
-        yield live
-
-
 def _interrupt(number: int, frame: object) -> None:
     raise KeyboardInterrupt
 
 
 def main() -> None:
     """Run the command; bad input ends in one line and exit code 2."""
-    _Session.quiet = _Session.debug = False
+    Session.quiet = Session.debug = False
     with contextlib.suppress(ValueError):  # not in the main thread
         signal.signal(signal.SIGTERM, _interrupt)
     with warnings.catch_warnings():
@@ -563,7 +430,7 @@ def _outcome() -> tuple[int, str]:
     except (ValueError, MemoryError, ArithmeticError) as error:
         # numpy's LinAlgError by name: importing numpy would make `--help` slow.
         known = not isinstance(error, ValueError) or isinstance(error, PqmeshError)
-        if _Session.debug or not (known or type(error).__name__ == "LinAlgError"):
+        if Session.debug or not (known or type(error).__name__ == "LinAlgError"):
             raise
         return BAD_INPUT, _reason(error)
     except TyperException as error:

@@ -346,7 +346,7 @@ def _overhang(surface: Surface, spec: Spec, inside: Inside | None) -> float:
     normal = unit(cross(jet.du, jet.dv))
     aside = float(norm(normal[:, :2]).max(initial=0.0))
     shift = aside * max((abs(d) for d in spec.distances), default=0.0)
-    return max(spec.edges) + 1.1 * shift
+    return max(1.05 * max(spec.edges), 1.1 * shift)
 
 
 def _trimmed(

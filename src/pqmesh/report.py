@@ -6,7 +6,6 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 import pqmesh
 from pqmesh.design import Design
@@ -28,6 +27,7 @@ from pqmesh.network.principal import Inside
 from pqmesh.offset.offsets import Layer, offset_vectors
 from pqmesh.offset.support import SupportStructure, twist
 from pqmesh.optimize.solver import Solution
+from pqmesh.report_words import roof_warnings
 from pqmesh.surface.base import Surface
 from pqmesh.surface.curvature import first_form
 from pqmesh.surface.reference import Reference, SurfaceReference, TriangleReference
@@ -38,8 +38,6 @@ SCHEMA = 1
 COVERED = 0.05
 # An edge shorter than this share of the mean is listed as tiny.
 TINY_EDGE = 0.05
-# Families of lines that meet under less than this are worth a word.
-NARROW_DEG = 30.0
 
 
 def panelization_report(
@@ -85,7 +83,7 @@ def panelization_report(
         "support": _support(result.support),
         "panels": _panels(result),
         "solver": solver_report(result.solution),
-        "warnings": [*notes, *_warnings(result, origin)],
+        "warnings": [*notes, *roof_warnings(result, origin)],
     }
     report["tolerance"] = _tolerance(report, design.tolerances)
     return report
@@ -350,83 +348,6 @@ def _network(result: Panelization, origin: Floats) -> dict[str, Any]:
         "separate_quads": result.network_mesh.separate,
         **coverage(result.surface, result.mesh, result.inside),
     }
-
-
-def _place(point: ArrayLike, origin: Floats) -> str:
-    """A place in space, to six digits of what is near the origin."""
-    return ", ".join(f"{x:.12g}" for x in np.round(np.asarray(point), 3) + origin + 0.0)
-
-
-def _network_warnings(result: Panelization, origin: Floats) -> list[str]:
-    """What the network says of the surface."""
-    found = []
-    network = result.network
-    least = float(np.degrees(network.angles).min(initial=90.0))
-    if network.kind == "conjugate" and least < NARROW_DEG:
-        found.append(
-            f"the families of the conjugate network meet under {least:.3g} deg at least: near an "
-            f"asymptotic direction panels become slender"
-        )
-    for family in (0, 1):
-        places = [point for k, _, point in network.focal if k == family]
-        if places:
-            found.append(
-                f"geodesics of family {family + 1} focus: {len(places)} lines end, the first near "
-                f"({_place(places[0], origin)})"
-            )
-    if network.kind != "principal":
-        return found
-    for umbilic in result.umbilics.umbilics:
-        place = _place(umbilic.point, origin)
-        found.append(
-            f"umbilic ({umbilic.kind}, index {umbilic.index:+g}) at ({place}): no principal "
-            f"network passes it; the panels stop around it"
-        )
-    if result.umbilics.degenerate_fraction > 0:
-        found.append(
-            f"{100 * result.umbilics.degenerate_fraction:.2g} % of the surface has no principal "
-            f"directions (plane or spherical)"
-        )
-    if 0 < result.umbilics.viability < 0.35:
-        found.append(
-            f"viability {result.umbilics.viability:.2f} is below 0.35: panel sizes will vary by "
-            f"more than a factor of 4"
-        )
-    return found
-
-
-def _warnings(result: Panelization, origin: Floats) -> list[str]:
-    """What a user should know before building."""
-    found = _network_warnings(result, origin)
-    if result.network_mesh.separate:
-        found.append(
-            f"{result.network_mesh.separate} panels hang together with the rest by no edge and "
-            f"were left out"
-        )
-    if result.trimmed is not None:
-        panels = result.trimmed.panels
-        if len(panels.slivers):
-            place = _place(panels.sliver_places[0], origin)
-            found.append(
-                f"{len(panels.slivers)} cut panels are slivers (small, or with a short side) and "
-                f"have no neighbour in their plane to merge with; the first at ({place})"
-            )
-        if panels.covered_share < 1.0 - 1e-6:
-            found.append(
-                f"the panels cover {100 * panels.covered_share:.4g} % of the outline: the surface "
-                f"or its network does not reach over the rest (surface.extend continues the "
-                f"surface)"
-            )
-    for layer in result.layers:
-        bound = layer.first_reversed_edge_distance
-        if bound is not None and abs(layer.distance) >= abs(bound):
-            found.append(
-                f"layer {layer.distance:g} lies beyond the focal set: its first edge reverses at "
-                f"{bound:.4g}"
-            )
-    if not result.solution.converged:
-        found.append(f"the optimisation did not converge: {result.solution.reason}")
-    return found
 
 
 def _tolerance(report: dict[str, Any], asked: dict[str, float]) -> list[dict[str, Any]]:

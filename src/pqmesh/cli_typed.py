@@ -1,0 +1,105 @@
+"""What is typed: texts of arguments and options as values of a design."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pqmesh.errors import FormatError, SpecError
+
+if TYPE_CHECKING:
+    from pqmesh.design_text import DesignText
+
+# What `panelize` takes beside designs; the readers stand in source_faces.
+SURFACE_SUFFIXES = (".3dm", ".json")
+
+
+def design_text(source: Path) -> DesignText:
+    """Tables of a design, or of a bare surface file."""
+    from pqmesh.design import Design
+    from pqmesh.design_text import DesignText, Where
+    from pqmesh.io.atomic import shown_path
+
+    suffix = source.suffix.lower()
+    if suffix == ".toml":
+        return Design.read(source)
+    shown = shown_path(source)
+    if not source.exists():
+        raise FormatError(f"The file {shown} must exist; it does not. Check the path.")
+    if suffix not in SURFACE_SUFFIXES or source.is_dir():
+        found = "a folder" if source.is_dir() else f"{suffix or 'no suffix'!r}"
+        raise FormatError(
+            f"{shown}: a surface must be a design (.toml), a Rhino model (.3dm), or a control net "
+            f"or COMPAS surface (.json); found {found}. Export it as one of these, or write it as "
+            f"a formula."
+        )
+    table = {"surface": {"file": source.name}}
+    return DesignText(table, source.parent, Where(shown_path(source.name)))
+
+
+def put(table: dict[str, Any], path: tuple[str, ...], value: Any) -> None:
+    """An option that was given wins over the file; a wrong section is left to the check."""
+    for step in path[:-1]:
+        inner = table.setdefault(step, {})
+        if not isinstance(inner, dict):
+            return
+        table = inner
+    table[path[-1]] = value.value if isinstance(value, StrEnum) else value
+
+
+def file_and_name(text: str | None, folder: Path) -> dict[str, str] | None:
+    """Keys of FILE[:NAME]; the whole text is the file where such a file exists.
+
+    Files of options are sought from where the command runs, those of a design from its folder.
+    """
+    if text is None:
+        return None
+    file, colon, name = text.rpartition(":")
+    # A single letter before a colon is a drive.
+    if not colon or len(file) < 2 or Path(text).exists():
+        file, name = text, ""
+    path = Path(file).absolute()
+    with contextlib.suppress(ValueError):  # another drive
+        path = Path(os.path.relpath(path, folder.absolute()))
+    return {"file": path.as_posix()} | ({"select": name} if name else {})
+
+
+def length(text: str | None) -> float | str | None:
+    """A length of an option."""
+    return None if text is None else number_or_text(text)
+
+
+def edge_of(text: str | None) -> Any:
+    """One length, or a list of what stands between commas."""
+    found = lengths(text)
+    return found[0] if found and len(found) == 1 else found
+
+
+def lengths(text: str | None) -> list[float | str] | None:
+    """What stands between commas; nothing of an empty text."""
+    if text is None:
+        return None
+    return [number_or_text(part) for part in text.split(",")] if text.strip() else []
+
+
+def pairs(texts: list[str] | None) -> Iterator[tuple[str, float | str]]:
+    """Keys and values of KEY=VALUE."""
+    for text in texts or []:
+        key, found, value = text.partition("=")
+        if not found or not key.strip() or not value.strip():
+            raise SpecError(
+                f"A tolerance must be KEY=VALUE; found {text!r}. Write --tolerance flat=0.1mm, say."
+            )
+        yield key.strip(), number_or_text(value)
+
+
+def number_or_text(part: str) -> float | str:
+    """A plain number as such, all else as text that may carry a unit."""
+    try:
+        return float(part)
+    except ValueError:
+        return part.strip()
