@@ -192,6 +192,9 @@ def test_asymptotic_direction_of_a_saddle_is_refused_with_place_and_angle():
         along(math.radians(41), surface=saddle, inside=lambda uv: norm(uv) < 0.3)
     network = along(math.radians(35), surface=saddle, inside=lambda uv: norm(uv) < 0.1)
     assert 10 < np.degrees(network.angles.min()) < 30
+    assert network.angles[network.narrow[0]] == network.angles.min()
+    assert len(network.narrow) == (network.angles < math.radians(30)).sum()
+    assert not len(along(0.0, surface=saddle).narrow)
 
 
 def test_rulings_are_refused_and_directions_across_them_are_not():

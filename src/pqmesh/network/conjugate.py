@@ -20,8 +20,8 @@ from pqmesh.surface.curvature import shape_data
 from pqmesh.vectors import Floats
 
 # Families that meet under a smaller angle make no panels: near an asymptotic direction, which is
-# its own conjugate, both fall together. Below the second angle panels are narrow rhombs.
-LEAST_ANGLE, NARROW_ANGLE = np.radians(10.0), np.radians(30.0)
+# its own conjugate, both fall together.
+LEAST_ANGLE = np.radians(10.0)
 # The shape operator must turn the given family into more than this share of the median
 # curvature: else every direction is conjugate to it and none is singled out.
 LEAST_BENDING = 1e-3

@@ -12,7 +12,10 @@ from pqmesh.network.lines import Lines
 from pqmesh.network.walker import End, Field
 from pqmesh.surface.base import Surface
 from pqmesh.surface.umbilics import conjugacy_defect
-from pqmesh.vectors import Floats, angle
+from pqmesh.vectors import Floats, Indices, angle
+
+# Panels of families that meet under a smaller angle are narrow rhombs: worth a warning.
+NARROW_ANGLE = np.radians(30.0)
 
 # Family, parameters (2,) and place (3,) where neighbouring geodesics meet.
 Focus = tuple[int, Floats, Floats]
@@ -76,6 +79,12 @@ class CurveNetwork:
         a, b = (jet.du * steps[:, i, :1] + jet.dv * steps[:, i, 1:] for i in (0, 1))
         between = angle(a, b)
         return np.minimum(between, np.pi - between)
+
+    @property
+    def narrow(self) -> Indices:
+        """Crossings at which the families meet under less than 30 degrees, the narrowest first."""
+        order = np.argsort(self.angles, kind="stable")
+        return order[self.angles[order] < NARROW_ANGLE]
 
     @cached_property
     def conjugacy(self) -> Floats:

@@ -136,11 +136,25 @@ def _axes(surface: Surface, uv: Floats, direction: float | None) -> Floats:
 def _start_curves(
     surface: Surface, centre: Floats, axes: Floats, limits: Limits
 ) -> tuple[Lines, Lines]:
-    """The two start curves: each is the line through the centre of the family beside it."""
-    both = trace_geodesics(surface, np.tile(centre, (2, 1)), axes, limits, NARROWEST)
-    a, b = selected(both, np.array([0])), selected(both, np.array([1]))
-    seed = centre[None]
-    return _once(surface, b, a, seed), _once(surface, a, b, seed)
+    """The two start curves; where they meet again, the one with the longer way ends half way.
+
+    They go on beyond places where their families focus: lines that leave them there may be of
+    use farther off.
+    """
+    both = trace_geodesics(surface, np.tile(centre, (2, 1)), axes, limits)
+    curves = [selected(both, np.array([i])) for i in (0, 1)]
+    here = np.array([_seed_arc(both, i, centre) for i in (0, 1)])
+    reach = _reach(both, here)
+    arcs = crossings(surface, curves[0], curves[1]).arcs
+    ways, sides = np.abs(arcs - here), (arcs > here).astype(np.int64)
+    for row in ways.max(axis=1).argsort():
+        way, side = ways[row], sides[row]
+        longer = int(way.argmax())
+        met = (way <= reach[[0, 1], side]).all() and way.max() > _tiny(both)
+        if met and not both.closed[longer]:
+            reach[longer, side[longer]] = 0.5 * way[longer]
+    both = _within(both, here, reach)
+    return selected(both, np.array([0])), selected(both, np.array([1]))
 
 
 def _steps(start: Lines, centre: Floats, step: float) -> tuple[Indices, Floats]:
@@ -185,9 +199,7 @@ def _once(surface: Surface, start: Lines, lines: Lines, seeds: Floats) -> Lines:
     longer way from the start curve ends.
     """
     here = np.array([_seed_arc(lines, i, seed) for i, seed in enumerate(seeds)])
-    reach = np.stack([here, lines.total - here], axis=1)
-    reach[lines.closed] = np.inf
-    tiny = 1e-6 * float(lines.total.max(initial=0.0))
+    reach, tiny = _reach(lines, here), _tiny(lines)
     back = crossings(surface, start, lines)
     for line, arc in zip(back.lines[:, 1], back.arcs[:, 1], strict=True):
         side, way = int(arc > here[line]), abs(arc - here[line])
@@ -200,10 +212,27 @@ def _once(surface: Surface, start: Lines, lines: Lines, seeds: Floats) -> Lines:
     for row in np.argsort(ways.max(axis=1)):
         pair, way, side = pairs[row], ways[row], sides[row]
         if (way <= reach[pair, side]).all():
-            longer = way >= way.max() - tiny
+            longer = (way >= way.max() - tiny) & ~lines.closed[pair]
             reach[pair[longer], side[longer]] = way[longer]
-    low, high = here - reach[:, 0], here + reach[:, 1]
-    return shortened(lines, np.maximum(low, 0.0), np.minimum(high, lines.total), End.COVERED)
+    return _within(lines, here, reach)
+
+
+def _reach(lines: Lines, here: Floats) -> Floats:
+    """Lengths of lines (L, 2) before and after their seeds, without bound where they close."""
+    reach = np.stack([here, lines.total - here], axis=1)
+    reach[lines.closed] = np.inf
+    return reach
+
+
+def _tiny(lines: Lines) -> float:
+    """Way from a seed below which a crossing is that of the seed itself."""
+    return 1e-6 * float(lines.total.max(initial=0.0))
+
+
+def _within(lines: Lines, here: Floats, reach: Floats) -> Lines:
+    """Parts of lines within a reach (L, 2) before and after their seeds."""
+    low, high = np.maximum(here - reach[:, 0], 0.0), np.minimum(here + reach[:, 1], lines.total)
+    return shortened(lines, low, high, End.COVERED)
 
 
 def _near(surface: Surface, lines: Lines, inside: Inside) -> Indices:

@@ -10,18 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from pqmesh.network.lines import Lines, slopes
-from pqmesh.network.walker import (
-    End,
-    Heading,
-    Limits,
-    Step,
-    Verdict,
-    Walker,
-    continuous,
-    embedded_error,
-    stages,
-    surface_length,
-)
+from pqmesh.network.steps import continuous, embedded_error, stages
+from pqmesh.network.walker import End, Heading, Limits, Step, Verdict, Walker, surface_length
 from pqmesh.surface.base import Jet, Surface
 from pqmesh.surface.curvature import gaussian_curvature, shape_data
 from pqmesh.vectors import Floats, Indices, cross, dot, unit
@@ -57,11 +47,7 @@ def trace_geodesics(
     >>> bool(lines.closed[0]), round(float(lines.total[0]), 9)
     (True, 6.283185307)
     """
-    walker = _GeodesicWalker(surface, seeds, limits, least)
-    walker.begin(np.concatenate([directions, -directions]))
-    while walker.advance():
-        pass
-    return walker.lines()
+    return _GeodesicWalker(surface, seeds, limits, least).followed(directions)
 
 
 def geodesic_bend(jet: Jet, velocity: Floats) -> Floats:
@@ -84,8 +70,8 @@ class _GeodesicWalker(Walker):
     def __init__(self, surface: Surface, seeds: Floats, limits: Limits, least: float) -> None:
         # No focal point is passed.
         limits = limits._replace(passing=False)
-        family = np.zeros(2 * len(seeds), dtype=np.int64)
-        super().__init__(surface, self._along, limits, np.concatenate([seeds, seeds]), family)
+        family = np.zeros(len(seeds), dtype=np.int64)
+        super().__init__(surface, self._along, limits, seeds, family)
         self.least = least
         self.jacobi = np.tile([1.0, 0.0], (len(self.uv), 1))
         self.tried_jacobi = self.jacobi

@@ -9,8 +9,8 @@ import numpy as np
 from pqmesh.errors import NetworkError
 from pqmesh.network.fields import PairField, pair_field
 from pqmesh.network.lines import Lines, selected
-from pqmesh.network.trace import principal_field, trace
-from pqmesh.network.walker import Field, Inside, Limits
+from pqmesh.network.trace import principal_field
+from pqmesh.network.walker import Field, Inside, Limits, Walker
 from pqmesh.surface.base import Jet, Surface
 from pqmesh.surface.curvature import shape_data
 from pqmesh.vectors import Floats, Indices, Mask, cross, dot, unit
@@ -88,7 +88,7 @@ class Patch:
         family = np.repeat([0, 1], counts)
         if self.pair is not None:
             limits = limits._replace(passing=False)
-        lines = trace(self.surface, self.field, uv, directions, limits, family)
+        lines = Walker(self.surface, self.field, limits, uv, family).followed(directions)
         place = np.arange(len(lines))
         return selected(lines, place[: counts[0]]), selected(lines, place[counts[0] :])
 

@@ -50,7 +50,6 @@ def trace(
     seeds: Floats,
     directions: Floats,
     limits: Limits,
-    family: Indices | None = None,
 ) -> Lines:
     """Lines of a field through seed points, followed both ways to their exact ends.
 
@@ -63,13 +62,6 @@ def trace(
         Parameters inside the domain.
     directions : (L, 3)
         Start directions; the field decides the exact ones.
-    family : (L,), optional
-        Family of each line, for fields that need to be told.
     """
-    family = np.zeros(len(seeds), dtype=np.int64) if family is None else family
-    both = np.concatenate([seeds, seeds]), np.concatenate([family, family])
-    walker = Walker(surface, field, limits, *both)
-    walker.begin(np.concatenate([directions, -directions]))
-    while walker.advance():
-        pass
-    return walker.lines()
+    family = np.zeros(len(seeds), dtype=np.int64)
+    return Walker(surface, field, limits, seeds, family).followed(directions)

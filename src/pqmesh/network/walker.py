@@ -9,34 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from pqmesh.network.lines import Lines, exit_fraction, nearest_on, restricted, reversed_extension
+from pqmesh.network.steps import continuous, embedded_error, stages
 from pqmesh.surface.base import Surface
 from pqmesh.vectors import Floats, Indices, Mask, dot, norm
 
 # Truth at parameters (N, 2) inside the domain: the part of the surface to be covered.
 Inside = Callable[[Floats], Mask]
 
-# Dormand-Prince 5(4): nodes, stages, embedded error and the fourth-order continuous extension.
-# References: [dormand1980]; [hairer1993] section II.6.
-_STAGES = [
-    np.array([1 / 5]),
-    np.array([3 / 40, 9 / 40]),
-    np.array([44 / 45, -56 / 15, 32 / 9]),
-    np.array([19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729]),
-    np.array([9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656]),
-    np.array([35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84]),
-]
-_ERROR = np.array([71 / 57600, 0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
-_DENSE = np.array(
-    [
-        -12715105075 / 11282082432,
-        0.0,
-        87487479700 / 32700410799,
-        -10690763975 / 1880347072,
-        701980252875 / 199316789632,
-        -1453857185 / 822651844,
-        69997945 / 29380423,
-    ]
-)
 # A step that ends beyond a bound by no more than this share of the domain is cut at the bound.
 _HAIR = 1e-7
 
@@ -119,31 +98,6 @@ class Verdict(NamedTuple):
     factor: Floats
 
 
-def stages(
-    start: Floats, first: Floats, h: Floats, motion: Callable[[Floats], tuple[Floats, Heading]]
-) -> tuple[Floats, Floats, Heading]:
-    """Rates of change at the seven stages of one step, (7, n, k), its end and the heading there."""
-    rates = np.empty((7, *start.shape))
-    rates[0] = first
-    for i, weights in enumerate(_STAGES):
-        finish = start + h * np.tensordot(weights, rates[: i + 1], 1)
-        rates[i + 1], last = motion(finish)
-    return rates, finish, last
-
-
-def continuous(start: Floats, finish: Floats, h: Floats, rates: Floats) -> Floats:
-    """Continuous extension of order four of a step from its stages, (n, 5, k)."""
-    rise = finish - start
-    bend = h * rates[0] - rise
-    twist = rise - h * rates[6] - bend
-    return np.stack([start, rise, bend, twist, h * np.tensordot(_DENSE, rates, 1)], 1)
-
-
-def embedded_error(h: Floats, rates: Floats) -> Floats:
-    """Difference of the step to that of order four, (n, k)."""
-    return np.asarray(h * np.tensordot(_ERROR, rates, 1))
-
-
 def surface_length(steps: Floats, along: Floats, across: Floats) -> Floats:
     """Lengths on the surface of parameter steps, from two orthonormal ones."""
     area = along[:, 0] * across[:, 1] - along[:, 1] * across[:, 0]
@@ -153,7 +107,10 @@ def surface_length(steps: Floats, along: Floats, across: Floats) -> Floats:
 
 
 class Walker:
-    """State of all half lines; line i runs forwards as i and backwards as i + L."""
+    """State of all half lines; line i runs forwards as i and backwards as i + L.
+
+    `seeds` (L, 2) are parameters inside the domain, `family` (L,) the family of each line.
+    """
 
     def __init__(
         self, surface: Surface, field: Field, limits: Limits, seeds: Floats, family: Indices
@@ -163,16 +120,24 @@ class Walker:
         fixed = ~np.array(self.domain.periodic)
         self.low = np.where(fixed, self.domain.low, -np.inf)
         self.high = np.where(fixed, self.domain.high, np.inf)
-        self.uv, self.family = seeds.astype(np.float64), family
+        self.uv = np.concatenate([seeds, seeds]).astype(np.float64)
+        self.family = np.concatenate([family, family])
         self.seed = self.uv.copy()
-        jet = surface.jet(self.domain.reduce(seeds))
+        jet = surface.jet(self.domain.reduce(self.uv))
         self.seed_tangents = jet.du, jet.dv
-        self.arc = np.zeros(len(seeds))
-        self.outside = np.zeros(len(seeds))
-        self.h = np.full(len(seeds), 0.25 * limits.step)
+        self.arc = np.zeros(len(self.uv))
+        self.outside = np.zeros(len(self.uv))
+        self.h = np.full(len(self.uv), 0.25 * limits.step)
         self.taken: list[tuple[Indices, Floats, Floats, Floats]] = []
         # No regular field asks for a mean step this short; a broken one must not hang.
         self.rounds_left = int(20.0 * limits.length / limits.step) + 2000
+
+    def followed(self, directions: Floats) -> Lines:
+        """Lines from start directions (L, 3) and against them, to their ends."""
+        self.begin(np.concatenate([directions, -directions]))
+        while self.advance():
+            pass
+        return self.lines()
 
     def begin(self, directions: Floats) -> None:
         """Exact start directions; seeds without one, or on a bound and leaving, end at once."""
