@@ -10,7 +10,7 @@ from pqmesh.mesh.measure import flipped_faces, nonconvex_faces
 from pqmesh.network.kinds import NETWORKS, Given, trace_network
 from pqmesh.network.meshing import quads_from_network
 from pqmesh.network.principal import trace_principal_network
-from pqmesh.surface.analytic import cylinder, sphere, torus
+from pqmesh.surface.analytic import cylinder, moved, sphere, torus
 from pqmesh.surface.base import Domain
 from pqmesh.surface.formula import FormulaSurface, graph_surface
 from pqmesh.vectors import norm
@@ -77,6 +77,25 @@ def test_every_network_of_a_saddle_makes_a_sound_mesh(kind):
     x, y = result.uv[result.mesh.faces].transpose(2, 0, 1)
     area = 0.5 * (x * np.roll(y, -1, 1) - np.roll(x, -1, 1) * y).sum()
     assert math.pi * 0.8**2 < area < math.pi * 1.05**2
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1e5])
+def test_networks_do_not_depend_on_the_unit(scale):
+    curve = np.array([[-1.0, -0.1], [0.0, 0.1], [1.0, 0.0]])
+    large = moved(SADDLE, scale=scale)
+    for kind, given, scaled in (
+        ("uv", None, None),
+        ("geodesic", Given(0.3, (), (0.1, 0.2)), Given(0.3, (), (0.1 * scale, 0.2 * scale))),
+        ("conjugate", AHEAD, AHEAD),
+        ("conjugate", Given(curves=(curve,)), Given(curves=(scale * curve,))),
+    ):
+        a = trace_network(kind, SADDLE, (0.3, 0.3), None, given)
+        b = trace_network(kind, large, (0.3 * scale, 0.3 * scale), None, scaled)
+        assert len(a.found) == len(b.found)
+        # Rounding may choose another place for a line that only cuts a corner off.
+        away = norm(a.found.uv - b.found.uv)
+        assert np.median(away) < 1e-7
+        assert away.max() < 2e-3
 
 
 @pytest.mark.parametrize(

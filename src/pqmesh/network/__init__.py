@@ -1,1 +1,1 @@
-"""From a surface to a quad mesh: lines of curvature, their crossings, their cells."""
+"""From a surface to a quad mesh: networks of curves, their crossings, their cells."""

@@ -82,9 +82,12 @@ class CurveNetwork:
 
     @property
     def narrow(self) -> Indices:
-        """Crossings at which the families meet under less than 30 degrees, the narrowest first."""
+        """Crossings where families meet under less than 30 degrees, the narrowest first.
+
+        Those that lie beyond the region are among them.
+        """
         order = np.argsort(self.angles, kind="stable")
-        return order[self.angles[order] < NARROW_ANGLE]
+        return np.asarray(order[self.angles[order] < NARROW_ANGLE])
 
     @cached_property
     def conjugacy(self) -> Floats:
