@@ -8,9 +8,6 @@ from numpy.typing import ArrayLike
 from pqmesh.job import Panelization
 from pqmesh.vectors import Floats
 
-# Families of lines that meet under less than this are worth a word.
-NARROW_DEG = 30.0
-
 
 def roof_warnings(result: Panelization, origin: Floats) -> list[str]:
     """What a user should know before building."""
@@ -50,11 +47,11 @@ def _network_warnings(result: Panelization, origin: Floats) -> list[str]:
     """What the network says of the surface."""
     found = []
     network = result.network
-    least = float(np.degrees(network.angles).min(initial=90.0))
-    if network.kind == "conjugate" and least < NARROW_DEG:
+    if len(network.narrow):
+        first = int(network.narrow[0])
         found.append(
-            f"the families of the conjugate network meet under {least:.3g} deg at least: near an "
-            f"asymptotic direction panels become slender"
+            f"the families of the network meet under {np.degrees(network.angles[first]):.3g} deg "
+            f"at least, near ({_place(network.points[first], origin)}): panels become slender"
         )
     for family in (0, 1):
         places = [point for k, _, point in network.focal if k == family]

@@ -87,7 +87,7 @@ class CurveNetwork:
         Those that lie beyond the region are among them.
         """
         order = np.argsort(self.angles, kind="stable")
-        return np.asarray(order[self.angles[order] < NARROW_ANGLE])
+        return np.asarray(order[self.angles[order] < NARROW_ANGLE], dtype=np.int64)
 
     @cached_property
     def conjugacy(self) -> Floats:
