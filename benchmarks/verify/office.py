@@ -84,6 +84,26 @@ def far_roof() -> list[Row]:
     ]
 
 
+def failing_sketch() -> list[Row]:
+    """The first sketch by the command: what stands in the way is named with its place."""
+    with tempfile.TemporaryDirectory(prefix="pqmesh-sketch-") as name:
+        folder = Path(name)
+        done = run("panelize", ROOF.with_name("sketch.toml"), "-o", folder, "--no-figures")
+        report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    named = [text for text in report["warnings"] if text.startswith("umbilic (")]
+    return [
+        holds("sketch by the command: ends in", "3", done.code, done.code == 3),
+        at_least("umbilics named with their place", 2, len(named)),
+        holds("the first of them", "a place", named[0][:60], "at (" in named[0]),
+        holds(
+            "tolerance that is not reached",
+            "cover",
+            ", ".join(row["key"] for row in report["tolerance"] if row["pass"] is False),
+            any(row["key"] == "cover" and row["pass"] is False for row in report["tolerance"]),
+        ),
+    ]
+
+
 def _near(path: Path) -> QuadMesh:
     """A mesh of a file, its origin taken off."""
     mesh = read_quad_mesh(path)
@@ -185,6 +205,7 @@ def three_networks() -> list[Row]:
 
 groups = {
     "Rhino model far away": far_roof,
+    "failing sketch": failing_sketch,
     "conjugate orders": conjugate_orders,
     "networks of the roof": three_networks,
 }

@@ -9,6 +9,7 @@ import numpy as np
 
 import pqmesh
 from pqmesh.design import Design
+from pqmesh.fabricate.edgebeams import EdgeBeam
 from pqmesh.fabricate.trim import TrimmedPanels
 from pqmesh.job import Panelization
 from pqmesh.mesh.measure import (
@@ -300,11 +301,24 @@ def _panels(result: Panelization) -> dict[str, Any]:
             "area_total": float(norm(result.mesh.face_area_vectors).sum()),
             "planarity_max_length": None,
             "covered_share": None,
+            "edge_beams": [],
             "layers": [],
         }
     return {
         **_cut_panels(cut.panels),
+        "edge_beams": [_beam(beam) for beam in cut.beams],
         "layers": [_cut_panels(layer) for layer in cut.layers],
+    }
+
+
+def _beam(beam: EdgeBeam) -> dict[str, Any]:
+    """An edge beam: which ring of the outline it follows, and how long it is."""
+    points = np.concatenate([beam.points, beam.points[:1]]) if beam.is_closed else beam.points
+    return {
+        "ring": beam.ring,
+        "closed": beam.is_closed,
+        "nodes": len(beam.points),
+        "length": float(norm(np.diff(points, axis=0)).sum()),
     }
 
 
