@@ -51,6 +51,11 @@ BOUNDS = {
         # The tube has radius 1; a chord of it turns a little earlier.
         "first_reversed_edge": (-1.0, -0.9),
     },
+    "unrolled_strips": {
+        "strips": (3, 8),
+        "length_error": (0.0, 1e-12),
+        "area_error": (0.0, 1e-11),
+    },
 }
 
 

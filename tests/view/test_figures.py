@@ -11,6 +11,7 @@ from shapes import curved_mesh, polygon_mesh
 
 from pqmesh.errors import MeshError, PqmeshError
 from pqmesh.fabricate.trim import trimmed_panels
+from pqmesh.fabricate.unroll import unrolled_strip
 from pqmesh.mesh.exact import grid_mesh, rotational_mesh
 from pqmesh.mesh.measure import fitted_cones, planarity_deviation
 from pqmesh.network.meshing import quads_from_network
@@ -36,6 +37,7 @@ from pqmesh.view.figures import (
     networks_figure,
     node_figure,
     site_figure,
+    strips_figure,
     typical_node,
     viability_figure,
 )
@@ -93,6 +95,8 @@ def figures(ring):
     flat = np.zeros(mesh.topology.n_faces)
     values = planarity_deviation(mesh)
     outline = PlanOutline([[-4, -7], [7, -6], [6, 7], [-7, 3]])
+    drum = rotational_mesh([[1.0, 0.0], [1.6, 0.5], [1.7, 1.5]], 0.4 * np.arange(7))
+    rows = sorted(drum.topology.strips, key=len, reverse=True)
     umbilic = Umbilic((0.0, 0.0), (8.0, 0.0, 0.0), -0.5, "star")
     far = Umbilic((0.0, 0.0), (-8.0, 0.0, -0.5), 0.5, "monstar")
     return {
@@ -106,6 +110,7 @@ def figures(ring):
         "layers": lambda: layers_figure(mesh, layers, support, units="m"),
         "layers without support": lambda: layers_figure(mesh, layers[:1], None, units="m"),
         "node": lambda: node_figure(mesh, layers, support, typical_node(mesh), units="m"),
+        "strips": lambda: strips_figure(drum, [unrolled_strip(drum, rows[0])], units="m"),
     }
 
 

@@ -7,6 +7,7 @@ from pqmesh.view.layered import layers_figure
 from pqmesh.view.measures import comparison_figure, measure_figure
 from pqmesh.view.node import node_figure, typical_node
 from pqmesh.view.plan import Surroundings, layout_figure, site_figure
+from pqmesh.view.strips import strips_figure
 from pqmesh.view.surfaces import network_figure, viability_figure
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "networks_figure",
     "node_figure",
     "site_figure",
+    "strips_figure",
     "typical_node",
     "viability_figure",
 ]
