@@ -267,6 +267,8 @@ def oracles() -> list[Row]:
         "network",
         "optimize",
         "offset",
+        "fabricate",
+        "view",
         "cli",
         "io",
     ):
@@ -276,7 +278,9 @@ def oracles() -> list[Row]:
             capture_output=True,
             text=True,
         )
-        last = done.stdout.strip().splitlines()[-1] if done.stdout.strip() else done.stderr[-80:]
+        lines = done.stdout.strip().splitlines() or [done.stderr[-80:]]
+        failed = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
+        last = "; ".join([lines[-1], *failed[:3]])
         counts = re.search(r"(\d+) passed", last)
         rows.append(
             holds(f"tests/{folder}", "all pass", last, done.returncode == 0 and bool(counts))
