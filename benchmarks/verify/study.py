@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from shapely.geometry import Polygon
-from table import ROOT, Row, Run, at_least, at_most, holds, measured_command, note, run
+from table import ROOT, Row, at_least, at_most, holds, measured_command, note, run
 
 from pqmesh.io.outlines import read_outline
 
@@ -30,19 +30,23 @@ PICTURES = (
 
 
 @cache
-def study_run() -> tuple[Path, dict, Run]:
-    """The roof by the command and the study by its script: folder, figures, run of the script."""
+def study_run() -> tuple[Path, dict, float]:
+    """The roof by the command and the study by its script: folder, figures, seconds of both."""
     folder = Path(tempfile.mkdtemp(prefix="pqmesh-study-"))
-    run("panelize", ROOF / "roof.toml", "-o", folder)
+    first = run("panelize", ROOF / "roof.toml", "-o", folder)
     done = measured_command([sys.executable, str(ROOF / "case_study.py"), str(folder)])
     if done.code:
         raise RuntimeError(f"case_study.py ended in {done.code}: {done.err[-500:]}")
-    return folder, json.loads((folder / "case-study.json").read_text(encoding="utf-8")), done
+    return (
+        folder,
+        json.loads((folder / "case-study.json").read_text(encoding="utf-8")),
+        first.seconds + done.seconds,
+    )
 
 
 def case_study() -> list[Row]:
     """From the sketch to the panels."""
-    folder, study, done = study_run()
+    folder, study, seconds = study_run()
     sketch, roof = study["sketch"], study["roof"]
     named = [u for u in sketch["umbilics"] if u["kind"] in ("star", "lemon", "monstar")]
     places = "; ".join(
@@ -70,7 +74,7 @@ def case_study() -> list[Row]:
         at_most("layers: error of their distances, m", 1e-10, exact),
         at_most("twist, deg", 1e-6, roof["twist_max_deg"]),
         holds("pictures", str(len(PICTURES)), len(made), len(made) == len(PICTURES)),
-        at_most("the script, s", 18, done.seconds),
+        at_most("the job of make roof, s", 30, seconds),
     ]
 
 

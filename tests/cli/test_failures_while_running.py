@@ -279,8 +279,8 @@ def test_module_and_command_are_the_same_program(pqmesh: Command) -> None:
     assert bad.stderr.count("\n") == 1
 
 
-# Twice the promises (0.35 s and 0.6 s), in processor time: test machines are busy, and `make verify`
-# keeps to the promise.
+# Twice the promises (0.35 s and 0.6 s), in processor time: test machines are busy, and
+# `make verify` keeps to the promise.
 @pytest.mark.parametrize(
     ("arguments", "limit"),
     [(["-c", "import pqmesh"], 0.7), (["-m", "pqmesh", "--help"], 1.2)],
