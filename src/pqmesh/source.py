@@ -83,15 +83,15 @@ def opened(design: Design, folder: Path) -> tuple[Source, ...]:
 
 
 @contextmanager
-def placed(origin: Floats) -> Iterator[None]:
-    """Errors raised inside name places about an origin: say which, where it is a far one."""
+def placed(origin: Floats, name: str = "") -> Iterator[None]:
+    """Errors raised inside say of which face they are, and from which far origin places count."""
     try:
         yield
     except PqmeshError as error:
-        if not origin.any():
-            raise
-        base = ", ".join(f"{x:.12g}" for x in origin)
-        raise type(error)(f"{error} (Places count from ({base}).)") from None
+        text = f"{name}: {error}" if name else str(error)
+        if origin.any():
+            text += f" (Places count from ({', '.join(f'{x:.12g}' for x in origin)}).)"
+        raise type(error)(text) from None
 
 
 def _opened(design: Design, folder: Path, faces: Faces) -> tuple[Source, ...]:

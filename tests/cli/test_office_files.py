@@ -318,3 +318,74 @@ def test_example_runs_within_its_tolerances(pqmesh: Command, tmp_path: Path, nam
     done = pqmesh("panelize", f"{name}.toml", "--no-figures", "-o", "out")
     assert done.code == 0, done.err
     assert norm(read_quad_mesh(tmp_path / "out" / "mesh.obj").face_area_vectors).min() > 0
+
+
+# --- names with colons ----------------------------------------------------------------------
+
+
+def test_name_of_a_nested_layer_keeps_its_colons(pqmesh: Command, tmp_path: Path) -> None:
+    import rhino3dm
+
+    model = models.Model()
+    site = model.file.Layers[model.layer("SITE")]
+    below = rhino3dm.Layer()
+    below.Name, below.ParentLayerId = "Um riss", site.Id
+    model.layers["below"] = model.file.Layers.Add(below)
+    corners = [[-8, -5, 0], [8, -5, 0], [8, 5, 0], [-8, 5, 0]]
+    model.add(models.closed_polyline(corners), "below", "in:ner").write(tmp_path / "site.3dm")
+    (tmp_path / "vault.toml").write_text(VAULT)
+    for name in ("SITE::Um riss", "site::um riss", "Um riss", "in:ner"):
+        done = pqmesh("panelize", "vault.toml", "--outline", f"site.3dm:{name}", "-o", "out")
+        assert done.code == 0, done.err
+        asked = report_of(tmp_path / "out")["design"]["outline"]
+        assert asked == {"file": "site.3dm", "select": name, "holes": []}
+
+
+# --- results of several parts ---------------------------------------------------------------
+
+
+def two_vaults(path: Path, shift: float = 72.0) -> None:
+    """Two vaults that do not join, west and east."""
+    model = models.Model("Meters")
+    for x, name in ((0.0, "west"), (shift, "east")):
+        model.add(models.nurbs(models.graph_net() + np.array([x, 0.0, 0.02 * x])), "ROOF", name)
+    model.write(path)
+
+
+def files_in(folder: Path) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_files_of_earlier_runs_do_not_stand_beside_those_of_others(
+    pqmesh: Command, tmp_path: Path
+) -> None:
+    two_vaults(tmp_path / "two.3dm")
+    models.write_plain(tmp_path / "one.3dm")
+    options = ("--edge", "8", "--no-figures", "-o", "out")
+    one = ("panelize", "one.3dm", "--select", "ROOF", *options)
+    assert pqmesh(*one).code in (0, 3)
+    out = tmp_path / "out"
+    single = files_in(out)
+    assert single == {"mesh.obj", "panels.obj", "report.json"}
+    (out / "mine.obj").write_text("v 0 0 0\n")
+    (out / "3-mine").mkdir()
+    (out / "3-mine" / "mesh.obj").write_text("v 0 0 0\n")
+    mine = {"mine.obj", "3-mine/mesh.obj"}
+    assert pqmesh("panelize", "two.3dm", *options).code in (0, 3)
+    assert files_in(out) - mine == {"report.json"} | {
+        f"{part['folder']}/{name}" for part in report_of(out)["parts"] for name in single
+    }
+    assert pqmesh(*one).code in (0, 3)
+    assert files_in(out) == single | mine
+    assert not (out / "1-west-face-0").exists()
+
+
+def test_part_that_cannot_be_panelled_is_named_and_nothing_is_written(
+    refused: Refused, tmp_path: Path
+) -> None:
+    model = models.Model("Meters").add(models.nurbs(models.graph_net()), "ROOF", "vault")
+    flat = models.graph_net() * [1, 1, 0] + [100, 0, 0]
+    model.add(models.nurbs(flat), "ROOF", "terrace").write(tmp_path / "two.3dm")
+    line = refused("panelize", "two.3dm", "--edge", "8", "--no-figures", "-o", "out")
+    assert line.startswith("pqmesh: terrace (face 0): Curvature lines need k1 != k2")
+    assert not (tmp_path / "out").exists()
