@@ -173,6 +173,9 @@ OUTLINES = {
     "in millimetres": (RING.replace("5", "5000").replace("8", "8000"), "one were in mm"),
     "in kilometres": (RING.replace("5", ".005").replace("8", ".008"), "one were in mm"),
     "hole outside": (RING + "\n20,20\n21,20\n21,21\n20,20\n", "lies outside the largest ring"),
+    "is too thin": ("-8,0\n8,0\n8,0.001\n-8,0.001\n", "inside it (16 by 0.001)"),
+    "is smaller than a panel": ("0,0\n.3,0\n.3,.3\n0,.3\n", "edge must be shorter than the roof"),
+    "has decimal commas between commas": ("-8,5,-5,2\n8,5,-5,2\n8,5,5,2\n", "found 4 in"),
     "empty": ("", "it is empty"),
     "words": ("here,there\n", "rows"),
 }
@@ -389,3 +392,32 @@ def test_part_that_cannot_be_panelled_is_named_and_nothing_is_written(
     line = refused("panelize", "two.3dm", "--edge", "8", "--no-figures", "-o", "out")
     assert line.startswith("pqmesh: terrace (face 0): Curvature lines need k1 != k2")
     assert not (tmp_path / "out").exists()
+
+
+def test_small_part_of_a_large_surface_is_panelled(pqmesh: Command, tmp_path: Path) -> None:
+    (tmp_path / "vault.toml").write_text(VAULT)
+    (tmp_path / "bay.csv").write_text("3,3\n3.3,3\n3.3,3.4\n3,3.4\n")
+    done = pqmesh("panelize", "vault.toml", "--outline", "bay.csv", "--edge", "0.05", "-o", "out")
+    assert done.code == 0, done.err
+    report = report_of(tmp_path / "out")
+    assert report["panels"]["covered_share"] == pytest.approx(1.0, abs=1e-9)
+    assert report["network"]["covered_share"] == pytest.approx(1.0, abs=1e-9)
+    assert report["panels"]["count"] > 40
+
+
+# --- places ---------------------------------------------------------------------------------
+
+
+def test_place_where_numbers_are_too_coarse_is_refused(refused: Refused, tmp_path: Path) -> None:
+    model = models.Model("Meters")
+    model.add(models.nurbs(models.graph_net() + np.array([1e12, 5e11, 0])), "ROOF", "far")
+    model.write(tmp_path / "far.3dm")
+    line = refused("panelize", "far.3dm", "--edge", "8", "-o", "out")
+    assert "around (1e+12, 500000000000, 2) they step by 0.000122" in line
+
+
+def test_continuation_that_is_not_regular_names_its_key(refused: Refused, tmp_path: Path) -> None:
+    (tmp_path / "vault.toml").write_text(VAULT.replace("5 - y**2/16", "sqrt(150 - x**2)"))
+    line = refused("panelize", "vault.toml", "--extend", "6", "-o", "out")
+    assert "surface.extend = 6" in line
+    assert "z is nan at x = -13" in line

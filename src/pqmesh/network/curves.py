@@ -84,7 +84,7 @@ class CurveNetwork:
     def narrow(self) -> Indices:
         """Crossings at which the families meet under less than 30 degrees, the narrowest first."""
         order = np.argsort(self.angles, kind="stable")
-        return order[self.angles[order] < NARROW_ANGLE]
+        return np.asarray(order[self.angles[order] < NARROW_ANGLE])
 
     @cached_property
     def conjugacy(self) -> Floats:
