@@ -31,6 +31,7 @@ from pqmesh.errors import MeshError, PqmeshError, SpecError
 if TYPE_CHECKING:
     from pqmesh.design import Design
     from pqmesh.mesh.quadmesh import QuadMesh
+    from pqmesh.results import Roof
     from pqmesh.source import Source
     from pqmesh.surface.reference import Reference
 
@@ -193,40 +194,46 @@ def _panelize(
     from pqmesh.source import opened
 
     sources = opened(design, folder)
+    spent = time.perf_counter() - began
     if len(sources) == 1:
-        return _one_roof(sources[0], name, output, flip, figures, began)
+        return _written(_roof(sources[0], name, flip=flip, figures=figures), output, spent)
     folders = part_folders(output, [source.name for source in sources])
-    codes = []
-    for source, place in zip(sources, folders, strict=True):
-        codes.append(_one_roof(source, name, place, flip, figures, began))
-        began = time.perf_counter()
+    # All parts before any file: bad input leaves nothing behind.
+    roofs = [_roof(source, name, flip=flip, figures=figures) for source in sources]
+    codes = [_written(roof, place, spent) for roof, place in zip(roofs, folders, strict=True)]
     write_index(output, sources, folders, codes)
     return max(codes)
 
 
-def _one_roof(
-    source: Source, name: str, output: Path, flip: bool, figures: bool, began: float
-) -> int:
-    """One surface panelled, its files written, and what to say of it: the exit code."""
+def _roof(source: Source, name: str, *, flip: bool, figures: bool) -> Roof:
+    """One surface panelled, and its report."""
     from pqmesh.job import panelize as run
-    from pqmesh.report import failed, panelization_report
-    from pqmesh.results import figures_available, write_panelization
+    from pqmesh.report import panelization_report
+    from pqmesh.results import Roof, figures_available
     from pqmesh.source import placed, spec_of
 
-    read = time.perf_counter() - began
-    with progress() as tell, placed(source.origin):
+    with progress() as tell, placed(source.origin, source.name):
         result = run(
             source.surface, spec_of(source, flip=flip), source.outline, tell, source.region
         )
         report = panelization_report(
             result, source=name, design=source.design, origin=source.origin, notes=source.notes
         )
-        wanted = figures and source.design.output.figures
-        if wanted and not figures_available():
-            wanted = False
-            report["warnings"].append("no pictures: install the extra 'viz' for them")
+    wanted = figures and source.design.output.figures
+    if wanted and not figures_available():
+        wanted = False
+        report["warnings"].append("no pictures: install the extra 'viz' for them")
+    return Roof(result, report, source.origin, wanted)
+
+
+def _written(roof: Roof, output: Path, spent: float) -> int:
+    """The files of one surface written, and what to say of it: the exit code."""
+    from pqmesh.report import failed
+    from pqmesh.results import write_panelization
+
+    with progress() as tell:
         tell("write", None)
-        write_panelization(output, result, report, origin=source.origin, figures=wanted, began=read)
+        report = write_panelization(output, roof, began=spent)
     say(roof_summary(report, output))
     for row in failed(report):
         say(f"not reached: {row['key']} {row['reached']:.3g}, asked {row['asked']:.3g}")

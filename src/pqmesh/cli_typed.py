@@ -58,14 +58,23 @@ def file_and_name(text: str | None, folder: Path) -> dict[str, str] | None:
     """
     if text is None:
         return None
-    file, colon, name = text.rpartition(":")
-    # A single letter before a colon is a drive.
-    if not colon or len(file) < 2 or Path(text).exists():
-        file, name = text, ""
+    file, name = _split_name(text)
     path = Path(file).absolute()
     with contextlib.suppress(ValueError):  # another drive
         path = Path(os.path.relpath(path, folder.absolute()))
     return {"file": path.as_posix()} | ({"select": name} if name else {})
+
+
+def _split_name(text: str) -> tuple[str, str]:
+    """FILE and NAME of FILE[:NAME]; names may hold colons, as the full path of a layer does."""
+    # A single letter before a colon is a drive.
+    places = [k for k, letter in enumerate(text) if letter == ":" and k > 1]
+    if not places or Path(text).exists():
+        return text, ""
+    files = [k for k in places if Path(text[:k]).is_file()]
+    likely = [k for k in places if Path(text[:k]).suffix]
+    first = (files or likely or places)[0]
+    return text[:first], text[first + 1 :]
 
 
 def length(text: str | None) -> float | str | None:

@@ -16,7 +16,7 @@ from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.network.kinds import Given, trace_network
 from pqmesh.network.meshing import NetworkMesh, quads_from_network
 from pqmesh.network.principal import CurveNetwork, Inside
-from pqmesh.network.region import PlanOutline
+from pqmesh.network.region import PlanOutline, region_samples
 from pqmesh.offset.offsets import Layer, offset_layer, offset_vectors
 from pqmesh.offset.support import SupportStructure, support_structure
 from pqmesh.offset.vectors import OffsetVectors
@@ -167,7 +167,7 @@ def panelize(
     tell = progress or (lambda stage, step: None)
     clock = _Clock()
     inside = _inside(surface, outline, region)
-    _check_edges(surface, spec, inside)
+    _check_edges(surface, spec, inside, outline)
     wide = inside
     if outline is not None:
         # A crooked outline is refused now, not after the work.
@@ -254,17 +254,16 @@ class _Clock:
         self._last = now
 
 
-def _check_edges(surface: Surface, spec: Spec, inside: Inside | None) -> None:
+def _check_edges(
+    surface: Surface, spec: Spec, inside: Inside | None, outline: PlanOutline | None
+) -> None:
     """Refuse edges longer than the region, and panels beyond counting."""
-    uv = surface.domain.grid(40, 40).reshape(-1, 2)
-    cell = float(np.prod(surface.domain.size)) / len(uv)
-    if inside is not None:
-        uv = uv[inside(uv)]
-        if not len(uv):
-            raise SpecError(
-                "The outline must lie over the surface; no sampled point of the surface is inside "
-                "it. Move one of the two, and check their units."
-            )
+    uv, cell = region_samples(surface, inside, outline, 40)
+    if not len(uv):
+        raise SpecError(
+            "The outline must lie over the surface; no sampled point of the surface is inside it"
+            f"{_across(outline)}. Move or widen it, and check its units."
+        )
     jet = surface.jet(uv)
     area = cell * float(np.sqrt(np.maximum(np.linalg.det(first_form(jet)), 0.0)).sum())
     size = float(np.linalg.norm(np.ptp(jet.point, axis=0)))
@@ -292,6 +291,14 @@ def _check_edges(surface: Surface, spec: Spec, inside: Inside | None) -> None:
             f"{min(spec.edges):g} on {area:.4g} square units needs about {lines:.3g}. Lengthen the "
             f"edge, or split the roof."
         )
+
+
+def _across(outline: PlanOutline | None) -> str:
+    """The size of an outline in plan, for messages."""
+    if outline is None:
+        return ""
+    width, depth = np.ptp(outline.polygon, axis=0)
+    return f" ({width:.4g} by {depth:.4g})"
 
 
 def _check_sheets(surface: Surface, outline: PlanOutline, inside: Inside | None) -> None:

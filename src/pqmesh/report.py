@@ -25,6 +25,7 @@ from pqmesh.mesh.measure import (
 )
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.network.principal import Inside
+from pqmesh.network.region import PlanOutline, region_samples
 from pqmesh.offset.offsets import Layer, offset_vectors
 from pqmesh.offset.support import SupportStructure, twist
 from pqmesh.optimize.solver import Solution
@@ -202,16 +203,18 @@ def deviation(start: QuadMesh, mesh: QuadMesh, reference: Reference) -> dict[str
 
 
 def coverage(
-    surface: Surface, mesh: QuadMesh, inside: Inside | None, n: int = 120
+    surface: Surface,
+    mesh: QuadMesh,
+    inside: Inside | None,
+    outline: PlanOutline | None = None,
+    n: int = 120,
 ) -> dict[str, float]:
     """How much of the surface's region the mesh covers, and how far the rest is from it.
 
     Measured from the surface to the mesh: a mesh that slides or shrinks stays close to the
     surface, but leaves the surface bare.
     """
-    uv = surface.domain.grid(n, n).reshape(-1, 2)
-    if inside is not None:
-        uv = uv[inside(uv)]
+    uv, _ = region_samples(surface, inside, outline, n)
     jet = surface.jet(uv)
     weights = np.sqrt(np.maximum(np.linalg.det(first_form(jet)), 0.0))
     triangles = TriangleReference.of_polygons(mesh.vertices, mesh.topology.face_lists())
@@ -360,7 +363,7 @@ def _network(result: Panelization, origin: Floats) -> dict[str, Any]:
         "degenerate_share": found.degenerate_fraction,
         "unusable_quads": result.network_mesh.unusable,
         "separate_quads": result.network_mesh.separate,
-        **coverage(result.surface, result.mesh, result.inside),
+        **coverage(result.surface, result.mesh, result.inside, result.outline),
     }
 
 

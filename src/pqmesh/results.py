@@ -9,6 +9,7 @@ import re
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,12 @@ from pqmesh.source import Source
 from pqmesh.vectors import Floats
 
 # Files that an earlier run of the same command may have left and this one does not replace.
-_OURS = re.compile(r"layer-\d+(-panels)?\.obj|support(-panels)?\.obj|figures/[a-z-]+\.png")
+_OURS = re.compile(
+    r"(mesh|panels|(layer-\d+|support)(-panels)?)\.obj|report\.json|figures/[a-z-]+\.png"
+)
+
+# Folders of parts, as `part_folders` names them.
+_PART = re.compile(r"\d+-[A-Za-z0-9._-]+")
 
 NETWORK_WORDS = {
     "principal": "Lines of curvature",
@@ -36,6 +42,27 @@ NETWORK_WORDS = {
     "geodesic": "Geodesics",
     "conjugate": "Conjugate lines",
 }
+
+
+@dataclass(frozen=True, eq=False)
+class Roof:
+    """A result with its report, before its files are written.
+
+    Attributes
+    ----------
+    result : Panelization
+    report : dict
+        But `timing`.
+    origin : (3,)
+        To be added to all coordinates.
+    figures : bool
+        Draw the pictures.
+    """
+
+    result: Panelization
+    report: dict[str, Any]
+    origin: Floats
+    figures: bool
 
 
 def panelization_files(result: Panelization, origin: Floats) -> dict[str, bytes]:
@@ -258,23 +285,23 @@ def write_new(folder: Path, files: dict[str, bytes]) -> None:
     write_all(folder, files)
 
 
-def write_panelization(
-    folder: Path,
-    result: Panelization,
-    report: dict[str, Any],
-    *,
-    origin: Floats,
-    figures: bool,
-    began: float,
-) -> dict[str, Any]:
+def write_panelization(folder: Path, roof: Roof, *, began: float) -> dict[str, Any]:
     """Write all files of a roof into a folder, and return the report with its timing.
 
     Files of an earlier run that this one does not make (a third layer, a picture) are removed
     after the new ones stand.
+
+    Parameters
+    ----------
+    folder : path
+    roof : Roof
+    began : float, seconds
+        Spent on reading.
     """
+    result, report = roof.result, roof.report
     clock = time.perf_counter()
-    files = panelization_files(result, origin)
-    if figures:
+    files = panelization_files(result, roof.origin)
+    if roof.figures:
         try:
             files |= panelization_figures(result, report["units"])
         except PqmeshError as error:
@@ -293,8 +320,10 @@ def write_panelization(
         }
     }
     files["report.json"] = json_bytes(report)
+    earlier = _parts(folder)
     write_all(folder, files)
     _remove_leftovers(folder, set(files))
+    _remove_parts(folder, earlier)
     return report
 
 
@@ -307,7 +336,10 @@ def part_folders(folder: Path, names: Sequence[str]) -> list[Path]:
 def write_index(
     folder: Path, sources: Sequence[Source], folders: Sequence[Path], codes: Sequence[int]
 ) -> None:
-    """Write the report of several parts: which there are, where, and how each ended."""
+    """Write the report of several parts: which there are, where, and how each ended.
+
+    Files of an earlier run, of one roof or of other parts, are removed.
+    """
     index = {
         "schema": 1,
         "version": pqmesh.__version__,
@@ -318,12 +350,33 @@ def write_index(
         ],
         "warnings": sorted({note for source in sources for note in source.notes}),
     }
+    earlier = _parts(folder)
     write_all(folder, {"report.json": json_bytes(index)})
+    _remove_leftovers(folder, {"report.json"})
+    _remove_parts(folder, earlier - {place.name for place in folders})
+
+
+def _parts(folder: Path) -> set[str]:
+    """Folders of the parts that an earlier run has written, by its report."""
+    try:
+        index = json.loads((folder / "report.json").read_bytes())
+        names = {part["folder"] for part in index.get("parts", ())}
+    except (OSError, ValueError, RecursionError, AttributeError, LookupError, TypeError):
+        return set()
+    return {name for name in names if isinstance(name, str) and _PART.fullmatch(name)}
+
+
+def _remove_parts(folder: Path, names: set[str]) -> None:
+    """Remove our files from the folders of parts that are no more."""
+    for name in sorted(names):
+        _remove_leftovers(folder / name, set())
+        with suppress(OSError):
+            (folder / name).rmdir()
 
 
 def _remove_leftovers(folder: Path, kept: set[str]) -> None:
     """Remove what an earlier run of ours left and this run has not made."""
-    for path in [*folder.glob("*.obj"), *folder.glob("figures/*.png")]:
+    for path in [*folder.glob("*.obj"), *folder.glob("report.json"), *folder.glob("figures/*.png")]:
         name = path.relative_to(folder).as_posix()
         if name not in kept and _OURS.fullmatch(name):
             # The result stands; what cannot be removed is no reason to call it failed.

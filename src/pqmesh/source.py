@@ -78,25 +78,26 @@ def opened(design: Design, folder: Path) -> tuple[Source, ...]:
         Naming the file, the key or the place on the surface.
     """
     faces = faces_of(design.surface, folder)
+    design, stated = _in_one_unit(design, faces)
+    _check_digits(design, faces.origin)
     with placed(faces.origin):
-        return _opened(design, folder, faces)
+        return _opened(design, folder, faces, is_stated=stated)
 
 
 @contextmanager
-def placed(origin: Floats) -> Iterator[None]:
-    """Errors raised inside name places about an origin: say which, where it is a far one."""
+def placed(origin: Floats, name: str = "") -> Iterator[None]:
+    """Errors raised inside say of which face they are, and from which far origin places count."""
     try:
         yield
     except PqmeshError as error:
-        if not origin.any():
-            raise
-        base = ", ".join(f"{x:.12g}" for x in origin)
-        raise type(error)(f"{error} (Places count from ({base}).)") from None
+        text = f"{name}: {error}" if name else str(error)
+        if origin.any():
+            text += f" (Places count from {_point(origin)}.)"
+        raise type(error)(text) from None
 
 
-def _opened(design: Design, folder: Path, faces: Faces) -> tuple[Source, ...]:
-    """The sources of faces."""
-    design, stated = _in_one_unit(design, faces)
+def _opened(design: Design, folder: Path, faces: Faces, *, is_stated: bool) -> tuple[Source, ...]:
+    """The sources of faces, the design in their unit."""
     outline = _outline(design, folder, faces.origin)
     given = _given(design.panels.curves, folder, design.units, faces.origin)
     sources = []
@@ -105,7 +106,7 @@ def _opened(design: Design, folder: Path, faces: Faces) -> tuple[Source, ...]:
         if outline is not None:
             points = surface.jet(surface.domain.grid(40, 40).reshape(-1, 2)).point[:, :2]
             extent = float(np.ptp(points, axis=0).max())
-            plausible_units(outline, extent, design.units, is_stated=stated)
+            plausible_units(outline, extent, design.units, is_stated=is_stated)
         name = patches[0].name if len(patches) < len(faces.patches) else ""
         own, more = _own_outline(outline, patches, region, is_alone=bool(name))
         sources.append(
@@ -193,6 +194,21 @@ def _in_one_unit(design: Design, faces: Faces) -> tuple[Design, bool]:
     return design, True
 
 
+def _check_digits(design: Design, origin: Floats) -> None:
+    """Refuse places so far away that the numbers of the files are coarser than flat panels."""
+    step, flat = float(np.spacing(np.abs(origin).max())), design.tolerances["flat"]
+    if 4.0 * step > flat:
+        raise SpecError(
+            f"A surface must lie where coordinates are finer than tolerance.flat ({flat:.3g} "
+            f"{design.units}); around {_point(origin)} they step by {step:.3g}. Move the model "
+            f"near the origin, and all that belongs to it."
+        )
+
+
+def _point(place: Floats) -> str:
+    return f"({', '.join(f'{x:.12g}' for x in place)})"
+
+
 def _groups(patches: tuple[Patch, ...]) -> list[tuple[tuple[Patch, ...], tuple[str, ...]]]:
     """Faces that are one surface together, with notes: all of them, or each alone."""
     if len(patches) == 1:
@@ -259,9 +275,21 @@ def _surface(
     check_regular(patch.surface)
     surface: Surface = patch.surface
     if extend:
-        surface = extended(surface, extend)
-        check_regular(surface)
+        surface = _extended(surface, extend)
     return surface, FaceRegion(surface, patches, extend) if patch.loops else None
+
+
+def _extended(surface: Surface, extend: float) -> Surface:
+    """The surface continued, once it is regular there, too."""
+    try:
+        wide = extended(surface, extend)
+        check_regular(wide)
+    except SurfaceError as error:
+        raise SurfaceError(
+            f"A surface must stay regular where surface.extend = {extend:g} continues it; this one "
+            f"does not. Extend it by less. ({error})"
+        ) from None
+    return wide
 
 
 def _own_outline(

@@ -173,6 +173,9 @@ OUTLINES = {
     "in millimetres": (RING.replace("5", "5000").replace("8", "8000"), "one were in mm"),
     "in kilometres": (RING.replace("5", ".005").replace("8", ".008"), "one were in mm"),
     "hole outside": (RING + "\n20,20\n21,20\n21,21\n20,20\n", "lies outside the largest ring"),
+    "is too thin": ("-8,0\n8,0\n8,0.001\n-8,0.001\n", "inside it (16 by 0.001)"),
+    "is smaller than a panel": ("0,0\n.3,0\n.3,.3\n0,.3\n", "edge must be shorter than the roof"),
+    "has decimal commas between commas": ("-8,5,-5,2\n8,5,-5,2\n8,5,5,2\n", "found 4 in"),
     "empty": ("", "it is empty"),
     "words": ("here,there\n", "rows"),
 }
@@ -318,3 +321,103 @@ def test_example_runs_within_its_tolerances(pqmesh: Command, tmp_path: Path, nam
     done = pqmesh("panelize", f"{name}.toml", "--no-figures", "-o", "out")
     assert done.code == 0, done.err
     assert norm(read_quad_mesh(tmp_path / "out" / "mesh.obj").face_area_vectors).min() > 0
+
+
+# --- names with colons ----------------------------------------------------------------------
+
+
+def test_name_of_a_nested_layer_keeps_its_colons(pqmesh: Command, tmp_path: Path) -> None:
+    import rhino3dm
+
+    model = models.Model()
+    site = model.file.Layers[model.layer("SITE")]
+    below = rhino3dm.Layer()
+    below.Name, below.ParentLayerId = "Um riss", site.Id
+    model.layers["below"] = model.file.Layers.Add(below)
+    corners = [[-8, -5, 0], [8, -5, 0], [8, 5, 0], [-8, 5, 0]]
+    model.add(models.closed_polyline(corners), "below", "in:ner").write(tmp_path / "site.3dm")
+    (tmp_path / "vault.toml").write_text(VAULT)
+    for name in ("SITE::Um riss", "site::um riss", "Um riss", "in:ner"):
+        done = pqmesh("panelize", "vault.toml", "--outline", f"site.3dm:{name}", "-o", "out")
+        assert done.code == 0, done.err
+        asked = report_of(tmp_path / "out")["design"]["outline"]
+        assert asked == {"file": "site.3dm", "select": name, "holes": []}
+
+
+# --- results of several parts ---------------------------------------------------------------
+
+
+def two_vaults(path: Path, shift: float = 72.0) -> None:
+    """Two vaults that do not join, west and east."""
+    model = models.Model("Meters")
+    for x, name in ((0.0, "west"), (shift, "east")):
+        model.add(models.nurbs(models.graph_net() + np.array([x, 0.0, 0.02 * x])), "ROOF", name)
+    model.write(path)
+
+
+def files_in(folder: Path) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_files_of_earlier_runs_do_not_stand_beside_those_of_others(
+    pqmesh: Command, tmp_path: Path
+) -> None:
+    two_vaults(tmp_path / "two.3dm")
+    models.write_plain(tmp_path / "one.3dm")
+    options = ("--edge", "8", "--no-figures", "-o", "out")
+    one = ("panelize", "one.3dm", "--select", "ROOF", *options)
+    assert pqmesh(*one).code in (0, 3)
+    out = tmp_path / "out"
+    single = files_in(out)
+    assert single == {"mesh.obj", "panels.obj", "report.json"}
+    (out / "mine.obj").write_text("v 0 0 0\n")
+    (out / "3-mine").mkdir()
+    (out / "3-mine" / "mesh.obj").write_text("v 0 0 0\n")
+    mine = {"mine.obj", "3-mine/mesh.obj"}
+    assert pqmesh("panelize", "two.3dm", *options).code in (0, 3)
+    assert files_in(out) - mine == {"report.json"} | {
+        f"{part['folder']}/{name}" for part in report_of(out)["parts"] for name in single
+    }
+    assert pqmesh(*one).code in (0, 3)
+    assert files_in(out) == single | mine
+    assert not (out / "1-west-face-0").exists()
+
+
+def test_part_that_cannot_be_panelled_is_named_and_nothing_is_written(
+    refused: Refused, tmp_path: Path
+) -> None:
+    model = models.Model("Meters").add(models.nurbs(models.graph_net()), "ROOF", "vault")
+    flat = models.graph_net() * [1, 1, 0] + [100, 0, 0]
+    model.add(models.nurbs(flat), "ROOF", "terrace").write(tmp_path / "two.3dm")
+    line = refused("panelize", "two.3dm", "--edge", "8", "--no-figures", "-o", "out")
+    assert line.startswith("pqmesh: terrace (face 0): Curvature lines need k1 != k2")
+    assert not (tmp_path / "out").exists()
+
+
+def test_small_part_of_a_large_surface_is_panelled(pqmesh: Command, tmp_path: Path) -> None:
+    (tmp_path / "vault.toml").write_text(VAULT)
+    (tmp_path / "bay.csv").write_text("3,3\n3.3,3\n3.3,3.4\n3,3.4\n")
+    done = pqmesh("panelize", "vault.toml", "--outline", "bay.csv", "--edge", "0.05", "-o", "out")
+    assert done.code == 0, done.err
+    report = report_of(tmp_path / "out")
+    assert report["panels"]["covered_share"] == pytest.approx(1.0, abs=1e-9)
+    assert report["network"]["covered_share"] == pytest.approx(1.0, abs=1e-9)
+    assert report["panels"]["count"] > 40
+
+
+# --- places ---------------------------------------------------------------------------------
+
+
+def test_place_where_numbers_are_too_coarse_is_refused(refused: Refused, tmp_path: Path) -> None:
+    model = models.Model("Meters")
+    model.add(models.nurbs(models.graph_net() + np.array([1e12, 5e11, 0])), "ROOF", "far")
+    model.write(tmp_path / "far.3dm")
+    line = refused("panelize", "far.3dm", "--edge", "8", "-o", "out")
+    assert "around (1e+12, 500000000000, 2) they step by 0.000122" in line
+
+
+def test_continuation_that_is_not_regular_names_its_key(refused: Refused, tmp_path: Path) -> None:
+    (tmp_path / "vault.toml").write_text(VAULT.replace("5 - y**2/16", "sqrt(150 - x**2)"))
+    line = refused("panelize", "vault.toml", "--extend", "6", "-o", "out")
+    assert "surface.extend = 6" in line
+    assert "z is nan at x = -13" in line

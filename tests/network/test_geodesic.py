@@ -282,6 +282,12 @@ def test_start_point_off_the_surface_is_refused():
         trace_network("geodesic", BUMP, (0.2, 0.2), None, Given(through=(7.0, 0.0)))
 
 
+def test_start_point_in_a_corner_of_the_surface_is_refused():
+    saddle = graph_surface("x*y/10", (-5, 5), (-5, 5))
+    with pytest.raises(NetworkError, match="one of them leaves it at once"):
+        trace_network("geodesic", saddle, (1.0, 1.0), None, Given(through=(5.0, 5.0)))
+
+
 def test_plan_direction_where_the_surface_stands_upright_is_refused():
     with pytest.raises(NetworkError, match="stands upright at"):
         trace_network("geodesic", cylinder(), (0.2, 0.2), None, Given(direction=0.0))

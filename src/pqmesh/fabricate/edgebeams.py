@@ -154,16 +154,21 @@ class _Boundary:
         self.place: dict[Side, float] = {}
         squares = np.where(lengths > 0, lengths, 1.0) ** 2
         limit = ON_OUTLINE * self._mesh.mean_edge_length
+        low = np.minimum(starts, starts + steps) - 2.0 * limit
+        high = np.maximum(starts, starts + steps) + 2.0 * limit
         for side in list(self.owner):
             middle = self.points[list(side), :2].mean(axis=0)
-            share = np.clip(dot(middle - starts, steps) / squares, 0, 1)
-            gap = norm(middle - starts - share[:, None] * steps)
-            wall = int(np.argmin(gap))
-            if gap[wall] > limit:
+            near = np.flatnonzero(((low <= middle) & (middle <= high)).all(axis=1))
+            offset = middle - starts[near]
+            share = np.clip(dot(offset, steps[near]) / squares[near], 0, 1)
+            gap = norm(offset - share[:, None] * steps[near])
+            if gap.min(initial=np.inf) > limit:
                 del self.owner[side]
                 continue
+            nearest = int(np.argmin(gap))
+            wall = int(near[nearest])
             self.ring[side] = int(ring_of[wall])
-            self.place[side] = float(before[wall] + share[wall] * lengths[wall])
+            self.place[side] = float(before[wall] + share[nearest] * lengths[wall])
 
     def chains(self) -> list[tuple[list[int], list[int], int, bool]]:
         """Nodes, panels, ring and closedness of each run of sides, by ring and place along it."""

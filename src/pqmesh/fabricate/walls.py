@@ -176,9 +176,16 @@ def _doubled_area(ring: Floats) -> float:
 def _check_crossings(walls: Walls) -> None:
     """Refuse walls that cross properly; walls may touch."""
     low, high = np.minimum(walls.starts, walls.ends), np.maximum(walls.starts, walls.ends)
-    for k, (a, b) in enumerate(zip(walls.starts, walls.ends, strict=True)):
-        near = (low[k + 1 :] <= high[k]).all(axis=1) & (high[k + 1 :] >= low[k]).all(axis=1)
-        other = k + 1 + np.flatnonzero(near)
+    # Walls from left to right: only those that begin before one ends can cross it.
+    order = np.argsort(low[:, 0], kind="stable")
+    last = np.searchsorted(low[order, 0], high[order, 0], side="right")
+    for row, k in enumerate(order):
+        a, b = walls.starts[k], walls.ends[k]
+        other = order[row + 1 : last[row]]
+        near = (low[other, 1] <= high[k, 1]) & (high[other, 1] >= low[k, 1])
+        # Neighbours have an end in common and touch there.
+        near &= (other != walls.following[k]) & (walls.following[other] != k)
+        other = np.sort(other[near])
         if not len(other):
             continue
         c, d = walls.starts[other], walls.ends[other]

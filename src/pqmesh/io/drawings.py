@@ -248,8 +248,8 @@ def _rhino_curve(curve: Any) -> Curve:
 def drawing_from_csv(path: PathLike, select: str | None) -> Drawing:
     """Rings of a text file of rows x, y; blank lines separate them.
 
-    The first row of the file may be a header, columns after the second are ignored, and the
-    last row of a ring need not repeat the first. Separators are commas, semicolons (then the
+    The first row of the file may be a header, a third column is ignored, and the last row of a
+    ring need not repeat the first. Separators are commas, semicolons (then the
     numbers may have decimal commas), tabs or blanks.
     """
     if select is not None:
@@ -275,6 +275,11 @@ def drawing_from_csv(path: PathLike, select: str | None) -> Drawing:
                 f"Line {number}: a row must be two numbers x, y; found {line.strip()[:60]!r}. "
                 f"Mend the row."
             )
+        if len(cells) > 3 and all(map(_is_number, cells)):
+            raise FormatError(
+                f"Line {number}: a row of numbers must be x, y or x, y, z; found {len(cells)} in "
+                f"{line.strip()[:60]!r}. Write decimal points, or semicolons between the numbers."
+            )
         rings[-1].append(pair)
     strokes = [[polyline(np.array([*ring, ring[0]]))] for ring in rings if ring]
     if not strokes:
@@ -298,6 +303,14 @@ def _pair(cells: list[str]) -> tuple[float, float] | None:
     except ValueError:
         return None
     return (x, y) if math.isfinite(x) and math.isfinite(y) else None
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 # --- all ------------------------------------------------------------------------------------

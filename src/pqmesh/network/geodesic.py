@@ -142,6 +142,13 @@ def _start_curves(
     use farther off.
     """
     both = trace_geodesics(surface, np.tile(centre, (2, 1)), axes, limits)
+    point = surface.jet(centre[None]).point[0]
+    if not both.total.min() > 0.0:
+        raise NetworkError(
+            f"The start curves must run over the surface; through "
+            f"{np.round(point, 4).tolist()} one of them leaves it at once. Move the point "
+            f"inwards, or turn the direction."
+        )
     curves = [selected(both, np.array([i])) for i in (0, 1)]
     here = np.array([_seed_arc(both, i, centre) for i in (0, 1)])
     reach = _reach(both, here)

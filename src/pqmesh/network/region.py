@@ -8,9 +8,12 @@ import numpy as np
 
 from pqmesh.errors import SpecError
 from pqmesh.network.walker import Inside
-from pqmesh.surface.base import Surface
+from pqmesh.surface.base import Domain, Surface
 from pqmesh.surface.plan import even_odd, ring_distance
 from pqmesh.vectors import Floats, Mask, read_only
+
+# A region in which fewer of the samples fall is sampled again around itself, so many times.
+FEWEST, CLOSER = 0.01, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +81,43 @@ class PlanOutline:
         if reach == 0.0:
             return lambda uv: self.contains(surface.jet(uv).point)
         return lambda uv: self.near(surface.jet(uv).point, reach)
+
+
+def region_samples(
+    surface: Surface, inside: Inside | None, outline: PlanOutline | None, n: int
+) -> tuple[Floats, float]:
+    """Parameters (N, 2) of samples in a region, and the share of the parameters for each.
+
+    They are the centres of n x n cells: of the whole domain, or of a smaller one around an
+    outline into which few of those would fall.
+
+    Examples
+    --------
+    >>> from pqmesh.surface.formula import graph_surface
+    >>> pin = PlanOutline([[0.1, 0.1], [0.101, 0.1], [0.101, 0.102], [0.1, 0.102]])
+    >>> sheet = graph_surface("x*y", (-1, 1), (-1, 1))
+    >>> uv, cell = region_samples(sheet, pin.on(sheet), pin, 40)
+    >>> len(uv) > 100, bool(abs(len(uv) * cell / 2e-6 - 1) < 0.1)
+    (True, True)
+    """
+    domain = surface.domain
+    for _ in range(CLOSER):
+        uv = domain.grid(n, n).reshape(-1, 2)
+        chosen = np.ones(len(uv), dtype=np.bool_) if inside is None else inside(uv)
+        if outline is None or chosen.sum() >= FEWEST * len(uv):
+            break
+        plan = surface.jet(uv).point[:, :2].reshape(n, n, 2)
+        pace = max(float(np.hypot(*np.diff(plan, axis=k).T).max()) for k in (0, 1))
+        near = uv[outline.near(plan.reshape(-1, 2), pace)]
+        if not len(near):
+            break
+        cell = domain.size / n
+        low = np.maximum(near.min(axis=0) - cell, domain.low)
+        high = np.minimum(near.max(axis=0) + cell, domain.low + domain.size)
+        if np.prod(high - low) > 0.9 * np.prod(domain.size):
+            break
+        domain = Domain((low[0], high[0]), (low[1], high[1]))
+    return uv[chosen], float(np.prod(domain.size)) / len(uv)
 
 
 def _ring(points: Floats, name: str) -> Floats:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from pqmesh.surface.base import Domain, Surface
-from pqmesh.vectors import TINY, Floats, Mask
+from pqmesh.vectors import TINY, Floats, Indices, Mask
 
 # Samples of each face in each direction.
 SAMPLES = 48
@@ -96,25 +97,67 @@ def even_odd(ring: Floats, points: Floats) -> Mask:
     x0, y0 = ring.T
     x1, y1 = np.roll(ring, -1, axis=0).T
     level = np.where(y1 == y0, 1.0, y1 - y0)
-    low, high = np.minimum(y0, y1), np.maximum(y0, y1)
-    inside = np.zeros(len(points), dtype=np.bool_)
-    step = max(_BLOCK // len(ring), 1)
-    for first in range(0, len(points), step):
-        x, y = points[first : first + step, :1], points[first : first + step, 1:2]
-        crosses = (y >= low) & (y < high) & (x < x0 + (y - y0) * (x1 - x0) / level)
-        inside[first : first + step] = crosses.sum(axis=1) % 2 == 1
-    return inside
+    # Points from below to above: those on the levels of a side are neighbours in this order.
+    order = np.argsort(points[:, 1], kind="stable")
+    heights = points[order, 1]
+    first = np.searchsorted(heights, np.minimum(y0, y1))
+    counts = np.searchsorted(heights, np.maximum(y0, y1)) - first
+    crossed = np.zeros(len(points), dtype=np.int64)
+    for sides in _blocks(counts):
+        side = np.repeat(sides, counts[sides])
+        skip = np.cumsum(counts[sides]) - counts[sides]
+        row = order[np.arange(len(side)) + np.repeat(first[sides] - skip, counts[sides])]
+        x, y = points[row, 0], points[row, 1]
+        left = x < x0[side] + (y - y0[side]) * (x1[side] - x0[side]) / level[side]
+        crossed += np.bincount(row[left], minlength=len(points))
+    return np.asarray(crossed % 2 == 1)
+
+
+def _blocks(counts: Indices) -> Iterator[Indices]:
+    """Runs of sides that have about a block of points together."""
+    total = np.cumsum(counts)
+    ends = np.searchsorted(total, np.arange(_BLOCK, total[-1] + _BLOCK, _BLOCK)) + 1
+    begin = 0
+    for end in ends.tolist():
+        if end > begin:
+            yield np.arange(begin, min(end, len(counts)))
+        begin = end
 
 
 def ring_distance(ring: Floats, points: Floats) -> Floats:
     """Distance of points (N, 2) to a closed polyline."""
     along = np.roll(ring, -1, axis=0) - ring
     square = np.maximum((along**2).sum(axis=1), TINY)
-    best = np.empty(len(points))
-    step = max(_BLOCK // len(ring), 1)
+    best = np.full(len(points), np.inf)
+    runs = _runs(len(ring))
+    step = max(_BLOCK // runs.size, 1)
     for first in range(0, len(points), step):
-        offset = points[first : first + step, None] - ring
-        share = np.clip((offset * along).sum(axis=2) / square, 0.0, 1.0)
-        gap = offset - share[..., None] * along
-        best[first : first + step] = np.sqrt((gap**2).sum(axis=2)).min(axis=1)
-    return best
+        here = points[first : first + step]
+        row, run = _near_runs(ring, runs, here)
+        for part in range(0, len(row), max(_BLOCK // runs.shape[1], 1)):
+            chosen = slice(part, part + max(_BLOCK // runs.shape[1], 1))
+            side = runs[run[chosen]]
+            offset = here[row[chosen], None] - ring[side]
+            share = np.clip((offset * along[side]).sum(axis=2) / square[side], 0.0, 1.0)
+            gap = ((offset - share[..., None] * along[side]) ** 2).sum(axis=2).min(axis=1)
+            np.minimum.at(best, first + row[chosen], gap)
+    return np.asarray(np.sqrt(best))
+
+
+def _runs(n: int) -> Indices:
+    """Sides of a ring in runs of equal length, short rings in one; the last side may repeat."""
+    length = n if n <= 64 else int(n**0.5)
+    count = -(-n // length)
+    return np.minimum(np.arange(count * length), n - 1).reshape(count, length)
+
+
+def _near_runs(ring: Floats, runs: Indices, points: Floats) -> tuple[Indices, Indices]:
+    """Pairs of points and runs among which each point's nearest side is."""
+    corners = ring[np.concatenate([runs, (runs[:, -1:] + 1) % len(ring)], axis=1)]
+    centre = 0.5 * (corners.min(axis=1) + corners.max(axis=1))
+    radius = np.sqrt(((corners - centre[:, None]) ** 2).sum(axis=2).max(axis=1))
+    away = np.sqrt(((points[:, None] - centre) ** 2).sum(axis=2))
+    bound = (away + radius).min(axis=1, keepdims=True)
+    # Written so that what is not a number stays.
+    row, run = np.nonzero(~(away - radius > bound * (1.0 + 1e-9)))
+    return row, run
