@@ -116,7 +116,7 @@ DENSE = 300
 # that one step of inverse iteration brings what is not near zero down by many digits.
 SHIFT = 1e-14
 # Vectors kept beyond those asked for, and rounds of the iteration.
-SPARE, ROUNDS, LONG_ROUNDS = 8, 3, 15
+SPARE, ROUNDS, LONG_ROUNDS = 8, 2, 15
 
 
 class LowSpectrum(NamedTuple):

@@ -128,9 +128,7 @@ def open_loops(topology: Topology, forest: SpanningForest) -> list[Loop]:
         if piece not in longest or len(rim) > len(rims[longest[piece]]):
             longest[piece] = number
     inner = sorted(set(range(len(rims))) - set(longest.values()))
-    walks = [
-        Loop(edges[k], np.where(rims[k] < np.roll(rims[k], -1), 1.0, -1.0)) for k in inner
-    ]
+    walks = [Loop(edges[k], np.where(rims[k] < np.roll(rims[k], -1), 1.0, -1.0)) for k in inner]
     return walks + [_closed_walk(topology, forest, int(edge)) for edge in np.flatnonzero(left)]
 
 

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.linalg import qr
 from scipy.sparse import coo_array
 
 from pqmesh.errors import MeshError
@@ -21,7 +22,7 @@ from pqmesh.mesh.loops import SpanningForest, open_loops, spanning_forest
 from pqmesh.mesh.measure import planarity
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.mesh.topology import Topology
-from pqmesh.vectors import Floats, Mask, dot, norm, read_only, unit
+from pqmesh.vectors import Floats, Indices, dot, norm, read_only
 
 # Edges below this share of the mean have no direction.
 ZERO_EDGE = 1e-9
@@ -125,7 +126,7 @@ class ParallelSpace:
         return np.asarray(dot(member.edge_vectors, edges) / dot(edges, edges))
 
     @cached_property
-    def local_factors(self) -> tuple[Any, Floats]:
+    def local_factors(self) -> tuple[Any, Indices]:
         """Sparse basis of the edge factors, and the seed edges it belongs to.
 
         Returns
@@ -135,10 +136,8 @@ class ParallelSpace:
             are left out. Seeds are taken so that the basis is as well conditioned as pivoting
             makes it, and no factor is large.
         """
-        from scipy.linalg import qr
-
         _, _, order = qr(self.factors.T, mode="economic", pivoting=True)
-        seeds = np.sort(order[: self.factors.shape[1]])
+        seeds = np.sort(order[: self.factors.shape[1]]).astype(np.int64)
         local = np.linalg.solve(self.factors[seeds].T, self.factors.T).T
         local[np.abs(local) < 1e-12] = 0.0
         return coo_array(local).tocsc(), seeds
@@ -306,16 +305,12 @@ def _least_squares_step(topology: Topology, forest: SpanningForest, missing: Flo
         n,
     )
     held = np.ones(len(forest.roots))
-    factor = pattern.factor(pattern.values(np.concatenate([weight, weight, -weight, -weight, held])))
+    factor = pattern.factor(
+        pattern.values(np.concatenate([weight, weight, -weight, -weight, held]))
+    )
     pull = np.zeros((n, *missing.shape[1:]))
     np.add.at(pull, high, missing)
     np.add.at(pull, low, -missing)
     flat = pull.reshape(n, -1)
     solved = [factor.solve(np.ascontiguousarray(column)) for column in flat.T]
     return np.column_stack(solved).reshape(pull.shape)
-
-
-def parallel_edges(mesh: PolyMesh, other: PolyMesh, tolerance: float) -> Mask:
-    """Edges that are parallel to within a sine; an edge of length 0 is, shape (E,)."""
-    across = norm(np.cross(unit(mesh.edge_vectors), other.edge_vectors))
-    return np.asarray(across <= tolerance * np.maximum(other.edge_lengths, ZERO_EDGE))
