@@ -202,9 +202,10 @@ def sign_class_residuals(mesh: PolyMesh) -> tuple[Indices, dict[str, Floats]]:
 
     Examples
     --------
-    >>> from pqmesh.mesh.exact import mirror_plane_mesh
-    >>> strip = [[1, 0.2, z, 2 + 0.1 * z * z] for z in (-0.6, -0.1, 0.3, 0.8)]
-    >>> mesh = mirror_plane_mesh(strip, [[-0.5, 1, 0, 0], [-1, 1, 0.1, 0], [-1.5, 1, 0, 0]])
+    >>> from pqmesh.mesh.exact import tangent_plane_mesh
+    >>> u, v = np.meshgrid([0, 0.3, 0.7, 0.9], [0.1, 0.5, 0.8, 1.3], indexing="ij")
+    >>> normals = [np.cos(u) * np.cos(v), np.sin(u) * np.cos(v), np.sin(v)]
+    >>> mesh = tangent_plane_mesh(np.stack([*normals, 3 * np.cos(v) + 1], axis=-1))
     >>> vertices, residuals = sign_class_residuals(mesh)
     >>> [name for name, values in residuals.items() if abs(values).max() < 1e-12]
     ['++++']
