@@ -142,8 +142,9 @@ def all_measures(mesh: QuadMesh, kind: str) -> dict[str, Any]:
     found: dict[str, Any] = measures(mesh)
     found["twist_max_deg"] = None
     # Axes of circular meshes are those of the vertex offset; a mesh in pieces has none.
-    if kind != "circular" or mesh.topology.components.max() == 0:
-        # Nor has one with collapsed edges.
+    in_one_piece = mesh.topology.components.max() == 0
+    # Nor has one with collapsed edges.
+    if mesh.edge_lengths.min() > 0 and (kind != "circular" or in_one_piece):
         with suppress(ArithmeticError):
             axes = offset_vectors(mesh, "circular" if kind == "circular" else "conical").axes
             found["twist_max_deg"] = float(np.degrees(twist(mesh, axes).max()))

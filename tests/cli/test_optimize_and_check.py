@@ -1,6 +1,7 @@
 """`optimize` and `check`: what they write and print, and what they refuse."""
 
 import json
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pqmesh.check import check_report
 from pqmesh.io.formats import read_quad_mesh, write_mesh
+from pqmesh.mesh.exact import rotational_mesh
 from pqmesh.mesh.measure import measures, planarity
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.vectors import norm
@@ -321,6 +324,17 @@ def test_check_decides_the_dimension_of_the_parallel_meshes_or_says_why_not(
         note = next(row for row in found["problems"] if row["kind"] == "parallel_undecided")
         assert f"is {planarity_max}," in note["text"]
         assert "undecided" in pqmesh("check", data_folder / name).out
+
+
+def test_check_of_a_few_thousand_faces_takes_less_than_five_seconds() -> None:
+    profile = np.column_stack([2 + 0.3 * np.sin(np.linspace(0, 3, 51)), np.linspace(0, 4, 51)])
+    mesh = rotational_mesh(profile, np.linspace(0, 2, 61))
+    start = time.process_time()
+    found = check_report(mesh, source="", units=None, tolerance=1e-6)
+    assert time.process_time() - start < 5.0
+    assert found["parallel_dimension"] == 113
+    assert [found["offsets"][kind]["family_dimension"] for kind in ("vertex", "face")] == [2, 4]
+    assert found["vertex_types"] == {"elliptic": 49 * 59}
 
 
 def test_check_of_broken_edges_or_pieces_leaves_open_what_they_hide(

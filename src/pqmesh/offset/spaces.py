@@ -15,7 +15,12 @@ from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.mesh.topology import Stars
 from pqmesh.offset.distances import KINDS
 from pqmesh.offset.parallel import ZERO_BAND, ZERO_FLOOR, check_edges
-from pqmesh.offset.vectors import least_squares, reflections_from_root, vertex_offset_vectors
+from pqmesh.offset.vectors import (
+    least_squares,
+    reflections_from_root,
+    starts_by_closing,
+    vertex_offset_vectors,
+)
 from pqmesh.vectors import Floats, Indices, Mask, cross, dot, norm
 
 # Normals closer together than this (radians) are one plane: the edge between them is flat.
@@ -215,12 +220,10 @@ def vertex_offset_space(mesh: QuadMesh, tolerance: float) -> OffsetSpace:
     """
     best = vertex_offset_vectors(mesh, tolerance)
     maps, links, reflections = reflections_from_root(mesh)
-    i, j = links[:, 0], links[:, 1]
-    loops = np.einsum("nba,nbc,ncd->nad", maps[j], reflections, maps[i]) - np.eye(3)
-    values, basis = np.linalg.eigh(np.einsum("nba,nbc->ac", loops, loops))
+    values, basis = starts_by_closing(maps, links, reflections)
     fixed = basis[:, values <= tolerance**2 * max(len(links), 1)]
     along = mesh.edge_vectors / mesh.edge_lengths[:, None]
-    seen = np.einsum("eba,eb->ea", maps[i], along) @ fixed
+    seen = np.einsum("eba,eb->ea", maps[links[:, 0]], along) @ fixed
     is_alive = bool(fixed.size) and bool((norm(seen) > COLLAPSED).all())
     is_circular = (
         float(planarity(mesh).max()) <= tolerance

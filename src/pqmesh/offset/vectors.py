@@ -164,9 +164,7 @@ def vertex_offset_vectors(mesh: QuadMesh, tolerance: float = CLOSING) -> OffsetV
     """
     maps, links, reflections = reflections_from_root(mesh)
     i, j = links[:, 0], links[:, 1]
-    # Around each link that is not in the tree: R_j' * reflection * R_i must keep the start.
-    loops = np.einsum("nba,nbc,ncd->nad", maps[j], reflections, maps[i]) - np.eye(3)
-    values, basis = np.linalg.eigh(np.einsum("nba,nbc->ac", loops, loops))
+    values, basis = starts_by_closing(maps, links, reflections)
     kept = values <= tolerance**2 * max(len(links), 1)
     if not kept.any():
         kept = values == values.min()
@@ -181,6 +179,27 @@ def vertex_offset_vectors(mesh: QuadMesh, tolerance: float = CLOSING) -> OffsetV
     mirrored = np.einsum("nij,nj->ni", reflections, vectors[i])
     gap = float(norm(mirrored - vectors[j]).max(initial=0.0))
     return OffsetVectors("vertex", vectors, gap)
+
+
+def starts_by_closing(maps: Floats, links: Indices, reflections: Floats) -> tuple[Floats, Floats]:
+    """Start directions by how well the loops of reflections close.
+
+    Parameters
+    ----------
+    maps, links, reflections
+        From `reflections_from_root`.
+
+    Returns
+    -------
+    (3,), (3, 3)
+        Sums of squares, rising, by which all loops together move a start; and the starts as
+        orthonormal columns. Those of value 0 give vertex offsets.
+    """
+    i, j = links[:, 0], links[:, 1]
+    # Around each link that is not in the tree: R_j' * reflection * R_i must keep the start.
+    loops = np.einsum("nba,nbc,ncd->nad", maps[j], reflections, maps[i]) - np.eye(3)
+    values, basis = np.linalg.eigh(np.einsum("nba,nbc->ac", loops, loops))
+    return values, basis
 
 
 def reflections_from_root(mesh: QuadMesh) -> tuple[Floats, Indices, Floats]:
