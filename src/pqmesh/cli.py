@@ -313,9 +313,9 @@ def check(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on standard output.")] = False,
     tolerance: Annotated[float, typer.Option(help="Dimensionless; judges all verdicts.")] = 1e-6,
 ) -> None:
-    """Say what a mesh is: planar, circular, conical, which offsets, what is unusual."""
+    """Say what a mesh is: planar, circular, conical, dim P(M), which offsets, what is unusual."""
+    from pqmesh.check import check_lines, check_report
     from pqmesh.io.formats import read_quad_mesh
-    from pqmesh.report import check_report
     from pqmesh.results import json_bytes
 
     _positive("--tolerance", tolerance)
@@ -325,18 +325,8 @@ def check(
     if as_json:
         typer.echo(json_bytes(found).decode(), nl=False)
         return
-    counts = found["mesh"]
-    typer.echo(
-        f"{mesh.name}: {counts['vertices']} vertices, {counts['faces']} quads, "
-        f"{counts['boundary_loops']} boundary loops, Euler characteristic "
-        f"{counts['euler_characteristic']}"
-    )
-    for key in ("planar", "circular", "conical"):
-        typer.echo(f"{key:9} {'yes' if found[key] else 'no'} (tolerance {tolerance:g})")
-    for key, value in found["measures"].items():
-        typer.echo(f"  {key:22} {'-' if value is None else format(value, '.6g')}")
-    for problem in found["problems"]:
-        typer.echo(f"note: {problem['text']}")
+    for line in check_lines(found):
+        typer.echo(line)
 
 
 @app.command()

@@ -1,4 +1,4 @@
-"""The numbers of a result, as contract keys: report.json of `panelize`, and `check --json`."""
+"""The numbers of a result, as contract keys: report.json of `panelize` and `optimize`."""
 
 from __future__ import annotations
 
@@ -14,12 +14,7 @@ from pqmesh.fabricate.trim import TrimmedPanels
 from pqmesh.job import Panelization
 from pqmesh.mesh.measure import (
     circularity_defect,
-    corner_angles,
-    fitted_cones,
-    flipped_faces,
     measures,
-    nonconvex_faces,
-    planarity,
     planarity_deviation,
     plane_deviation,
 )
@@ -38,8 +33,6 @@ from pqmesh.vectors import Floats, norm
 SCHEMA = 1
 # A sampled point of the surface counts as covered within this share of the mean edge.
 COVERED = 0.05
-# An edge shorter than this share of the mean is listed as tiny.
-TINY_EDGE = 0.05
 
 
 def panelization_report(
@@ -129,38 +122,6 @@ def optimization_report(
     return report
 
 
-def check_report(
-    mesh: QuadMesh, *, source: str, units: str | None, tolerance: float
-) -> dict[str, Any]:
-    """What a mesh is, by the tolerance; quantities of later releases are None."""
-    found = all_measures(mesh, "conical")
-    flat = found["planarity_max"] <= tolerance
-    spread, misfit = found["cone_spread_max"], found["offset_misfit_max"]
-    conical = bool(flat and (spread is None or spread <= tolerance))
-    circular = bool(flat and np.abs(circularity_defect(mesh)).max() <= tolerance)
-    return {
-        "schema": SCHEMA,
-        "version": pqmesh.__version__,
-        "input": source,
-        "units": units,
-        "tolerance": tolerance,
-        "mesh": mesh_counts(mesh),
-        "measures": found,
-        "planar": bool(flat),
-        "circular": circular,
-        "conical": conical,
-        "edge_offset": None,
-        "parallel_dimension": None,
-        "parallel_gap": None,
-        "offsets": {
-            "vertex": None,
-            "edge": None,
-            "face": {"exists": conical, "family_dimension": None, "error": misfit},
-        },
-        "problems": problems(mesh, tolerance),
-    }
-
-
 # --- parts ----------------------------------------------------------------------------------
 
 
@@ -183,8 +144,9 @@ def all_measures(mesh: QuadMesh, kind: str) -> dict[str, Any]:
     found: dict[str, Any] = measures(mesh)
     found["twist_max_deg"] = None
     # Axes of circular meshes are those of the vertex offset; a mesh in pieces has none.
-    if kind != "circular" or mesh.topology.components.max() == 0:
-        # Nor has one with collapsed edges.
+    in_one_piece = mesh.topology.components.max() == 0
+    # Nor has one with collapsed edges.
+    if mesh.edge_lengths.min() > 0 and (kind != "circular" or in_one_piece):
         with suppress(ArithmeticError):
             axes = offset_vectors(mesh, "circular" if kind == "circular" else "conical").axes
             found["twist_max_deg"] = float(np.degrees(twist(mesh, axes).max()))
@@ -234,40 +196,6 @@ def solver_report(solution: Solution) -> dict[str, Any]:
         "iterations": len(solution.steps),
         "reason": solution.reason,
     }
-
-
-def problems(mesh: QuadMesh, tolerance: float) -> list[dict[str, Any]]:
-    """What is unusual about a mesh, each kind once with its places."""
-    cones = fitted_cones(mesh)
-    corners = corner_angles(mesh)
-    lengths = mesh.edge_lengths
-    tiny = np.flatnonzero(lengths < TINY_EDGE * lengths.mean())
-    straight = np.unique(mesh.topology.corner_faces[np.abs(corners - np.pi) < 1e-9])
-    ring = np.flatnonzero(np.abs(circularity_defect(mesh)) > tolerance)
-    bent = np.flatnonzero(planarity(mesh) > tolerance)
-    leaning = cones.vertices[cones.relative_spread > tolerance]
-    irregular = mesh.topology.irregular_vertices
-    found = [
-        ("irregular_vertices", irregular, "interior vertices of valence other than 4"),
-        ("nonconvex_faces", nonconvex_faces(mesh), "faces that are not convex, or folded"),
-        ("flipped_faces", flipped_faces(mesh), "faces turned over against their neighbours"),
-        ("flat_vertices", cones.vertices[cones.is_flat], "vertices whose faces lie in one plane"),
-        ("straight_corners", straight, "faces with a corner of 180 degrees"),
-        ("tiny_edges", tiny, f"edges below {TINY_EDGE:g} of the mean edge"),
-        ("bent_faces", bent, "faces not planar to the tolerance"),
-        ("uncircular_faces", ring, "faces whose corners lie on no circle, to the tolerance"),
-        ("unconical_vertices", leaning, "vertices without a common cone, to the tolerance"),
-    ]
-    result = [
-        {"kind": kind, "where": where.tolist(), "text": f"{len(where)} {text}, first {where[0]}"}
-        for kind, where, text in found
-        if len(where)
-    ]
-    pieces = int(mesh.topology.components.max()) + 1
-    if pieces > 1:
-        text = f"the mesh falls into {pieces} pieces; are its vertices welded?"
-        result.append({"kind": "pieces", "where": [], "text": text})
-    return result
 
 
 def _layer(layer: Layer) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """`optimize` and `check`: what they write and print, and what they refuse."""
 
 import json
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pqmesh.check import check_report
 from pqmesh.io.formats import read_quad_mesh, write_mesh
+from pqmesh.mesh.exact import rotational_mesh
 from pqmesh.mesh.measure import measures, planarity
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.vectors import norm
@@ -27,7 +30,7 @@ BAD_GROUP = {
 }
 CHECK = (
     "schema version input units tolerance mesh measures planar circular conical edge_offset "
-    "parallel_dimension parallel_gap offsets problems"
+    "parallel_dimension parallel_gap vertex_types offsets problems"
 )
 
 
@@ -267,7 +270,7 @@ def checked(pqmesh: Command, path: Path, *options: str) -> dict[str, Any]:
     assert set(CHECK.split()) == set(found)
     assert set(found["offsets"]) == {"vertex", "edge", "face"}
     for offset in filter(None, found["offsets"].values()):
-        assert set(offset) == {"exists", "family_dimension", "error"}
+        assert {"exists", "family_dimension", "error"} <= set(offset)
     for problem in found["problems"]:
         assert {"kind", "where", "text"} <= set(problem)
     return found
@@ -298,7 +301,55 @@ def test_single_quad_has_no_vertex_measures(pqmesh: Command, tmp_path: Path) -> 
     found = checked(pqmesh, tmp_path / "square.obj")
     assert found["measures"]["cone_spread_max"] is None
     assert found["measures"]["conicality_max_deg"] is None
-    assert found["offsets"]["face"]["error"] is None
+    assert found["offsets"]["face"]["error"] < 1e-12
+    # Five parallel rectangles, the plane's own translations left out, all slide within it.
+    assert (found["parallel_dimension"], found["offsets"]["face"]["family_dimension"]) == (5, 4)
+
+
+def test_check_decides_the_dimension_of_the_parallel_meshes_or_says_why_not(
+    pqmesh: Command, data_folder: Path
+) -> None:
+    found = checked(pqmesh, data_folder / "conical1.obj", "--tolerance", "1e-3")
+    assert found["parallel_dimension"] == 69
+    assert found["parallel_gap"] > 1e3
+    assert found["offsets"]["face"]["exists"]
+    assert found["offsets"]["face"]["family_dimension"] == 4
+    assert found["offsets"]["face"]["error"] < 1e-5
+    assert not found["offsets"]["vertex"]["exists"]
+    assert found["offsets"]["vertex"]["error"] > 1e-2
+    for name, planarity_max in (("six.off", "0.051"), ("YasIsland.off", "0.0013")):
+        found = checked(pqmesh, data_folder / name)
+        assert found["parallel_dimension"] is None
+        assert found["parallel_gap"] is None
+        note = next(row for row in found["problems"] if row["kind"] == "parallel_undecided")
+        assert f"is {planarity_max}," in note["text"]
+        assert "undecided" in pqmesh("check", data_folder / name).out
+
+
+def test_check_of_a_few_thousand_faces_takes_less_than_five_seconds() -> None:
+    profile = np.column_stack([2 + 0.3 * np.sin(np.linspace(0, 3, 51)), np.linspace(0, 4, 51)])
+    mesh = rotational_mesh(profile, np.linspace(0, 2, 61))
+    start = time.process_time()
+    found = check_report(mesh, source="", units=None, tolerance=1e-6)
+    assert time.process_time() - start < 5.0
+    assert found["parallel_dimension"] == 113
+    assert [found["offsets"][kind]["family_dimension"] for kind in ("vertex", "face")] == [2, 4]
+    assert found["vertex_types"] == {"elliptic": 49 * 59}
+
+
+def test_check_of_broken_edges_or_pieces_leaves_open_what_they_hide(
+    pqmesh: Command, tmp_path: Path
+) -> None:
+    (tmp_path / "b.obj").write_text("v 0 0 0\nv 0 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
+    found = checked(pqmesh, tmp_path / "b.obj")
+    assert found["parallel_dimension"] is None
+    assert found["offsets"]["face"]["exists"] is None
+    assert {row["kind"] for row in found["problems"]} >= {"parallel_undecided"}
+    (tmp_path / "two.obj").write_text(SQUARE + "v 5 0 0\nv 6 0 0\nv 6 1 0\nv 5 1 0\nf 5 6 7 8\n")
+    found = checked(pqmesh, tmp_path / "two.obj")
+    assert found["parallel_dimension"] == 10
+    assert found["offsets"]["vertex"]["exists"] is None
+    assert "undecided" in pqmesh("check", "two.obj").out
 
 
 def test_conical_real_mesh_is_conical_to_1e_3_only(pqmesh: Command, data_folder: Path) -> None:

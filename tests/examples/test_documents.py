@@ -14,11 +14,12 @@ import typer
 from pydantic import BaseModel
 
 import pqmesh
+from pqmesh.check import check_report
 from pqmesh.cli import app
 from pqmesh.design import Design
 from pqmesh.job import Spec, panelize
 from pqmesh.mesh.exact import rotational_mesh
-from pqmesh.report import check_report, panelization_report
+from pqmesh.report import panelization_report
 
 ROOT = Path(__file__).parents[2]
 PAGES = [

@@ -1,5 +1,7 @@
 """Planarity: closed values, planar families, and the sum of angles of planar meshes."""
 
+from math import factorial
+
 import numpy as np
 import pytest
 from scipy.special import gammaln
@@ -207,6 +209,34 @@ def test_conjugate_cubic_has_its_published_point():
     u, v = 0.3, -0.7
     point = np.array([u**i * v**j for i, j in MONOMIALS]) @ values
     assert np.allclose(point, [-17 / 30, -47 / 30, -11 / 15], rtol=0, atol=1e-14)
+
+
+def test_conjugate_cubic_is_a_saddle_of_closed_curvature():
+    rng = np.random.default_rng(11)
+    first, (c1, c2) = rng.normal(size=(3, 3)), (0.7, -1.3)
+    values = conjugate_cubic(c1, c2, *first)
+    u, v = rng.uniform(-1, 1, size=(2, 200))
+
+    def derivative(a, b):
+        """Of order a in u and b in v."""
+        terms = [
+            0 * u if i < a or j < b else factorial(i) // factorial(i - a)
+            * (factorial(j) // factorial(j - b)) * u ** (i - a) * v ** (j - b)
+            for i, j in MONOMIALS
+        ]  # fmt: skip
+        return np.stack(terms, axis=-1) @ values
+
+    du, dv = derivative(1, 0), derivative(0, 1)
+    mixed = derivative(1, 1)
+    assert np.abs(mixed - c1 * du - c2 * dv).max() < 1e-12
+    normal = np.cross(du, dv)
+    square = (normal * normal).sum(axis=1)
+    e, f, g = ((derivative(*order) * normal).sum(axis=1) for order in ((2, 0), (1, 1), (0, 2)))
+    found = (e * g - f * f) / square**2
+    law = -4 * (c1 / c2) ** 2 * np.linalg.det(first) ** 2 / square**2
+    # Relative to the largest curvature, which is where the tangents are shortest.
+    assert np.abs(found - law).max() < 1e-12 * np.abs(law).max()
+    assert found.max() < 0
 
 
 # --- Gauss-Bonnet -----------------------------------------------------------------------------

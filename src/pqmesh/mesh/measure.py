@@ -197,10 +197,13 @@ def conicality_defect(mesh: QuadMesh) -> tuple[Indices, Floats]:
     return np.empty(0, dtype=np.int64), np.empty(0)
 
 
-def common_vectors(normals: Floats) -> Floats:
-    """Minimum-norm least-squares w of n_f . w = 1 for each set of normals (n, k, 3) -> (n, 3)."""
+def common_vectors(normals: Floats, rank: float = RANK_TOLERANCE) -> Floats:
+    """Minimum-norm least-squares w of n_f . w = 1 for each set of normals (n, k, 3) -> (n, 3).
+
+    Directions whose relative singular value is not above `rank` count as free.
+    """
     u, s, vt = np.linalg.svd(normals, full_matrices=False)
-    keep = s > RANK_TOLERANCE * s[:, :1]
+    keep = s > rank * s[:, :1]
     weights = np.where(keep, u.sum(axis=1) / np.where(keep, s, 1.0), 0.0)
     return np.asarray(np.einsum("nr,nri->ni", weights, vt))
 

@@ -2,19 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from pqmesh.errors import MeshError
 from pqmesh.mesh.measure import planarity
 from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.offset.distances import (
+    edge_factors,
+    face_distance,
+    parallel_error,
+    valid_range,
+    vertex_distance,
+)
 from pqmesh.offset.vectors import (
     OffsetVectors,
     face_offset_vectors,
     parallel_offset_vectors,
     vertex_offset_vectors,
 )
-from pqmesh.vectors import Floats, cross, dot, norm
+
+__all__ = [
+    "Layer",
+    "edge_factors",
+    "face_distance",
+    "face_offset",
+    "offset_layer",
+    "offset_stack",
+    "offset_vectors",
+    "parallel_error",
+    "valid_range",
+    "vertex_distance",
+    "vertex_offset",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,43 +141,44 @@ def offset_layer(mesh: QuadMesh, vectors: OffsetVectors, distance: float) -> Lay
     )
 
 
-# --- distances ------------------------------------------------------------------------------
+def offset_stack(
+    mesh: QuadMesh, vectors: OffsetVectors, distances: Sequence[float]
+) -> tuple[Layer, ...]:
+    """Layers at several signed distances along the same offset vectors, in the order given.
 
+    Any two of them are offsets of each other, at the difference of their distances.
 
-def face_distance(mesh: QuadMesh, other: QuadMesh) -> Floats:
-    """Signed distances n_f . (v' - v) at the corners of each face, shape (F, 4), model unit.
+    Parameters
+    ----------
+    mesh : QuadMesh
+    vectors : OffsetVectors
+    distances : sequence of float, model unit
+        Each at most once, between the distances at which the first edges reverse.
 
-    For parallel meshes the four agree: the distance d_f of the carrier planes.
+    Raises
+    ------
+    MeshError
+        For a distance given twice, or one beyond `valid_range`.
 
-    References: [thesis] definition 2.3.1; signed, errata page, E7.
+    Examples
+    --------
+    >>> from pqmesh.mesh.exact import rotational_mesh
+    >>> roof = rotational_mesh([[2.0, 0.0], [2.4, 0.5], [2.5, 1.2]], 0.3 * np.arange(5))
+    >>> stack = offset_stack(roof, face_offset_vectors(roof), [-0.1, 0.0, 0.2])
+    >>> [round(float(face_distance(stack[0].mesh, layer.mesh).max()), 9) for layer in stack]
+    [0.0, 0.1, 0.3]
     """
-    moves = other.vertices - mesh.vertices
-    return dot(moves[mesh.faces], mesh.face_normals[:, None])
-
-
-def vertex_distance(mesh: QuadMesh, other: QuadMesh) -> Floats:
-    """Distances of corresponding vertices, shape (V,), model unit."""
-    return norm(other.vertices - mesh.vertices)
-
-
-def parallel_error(mesh: QuadMesh, other: QuadMesh) -> Floats:
-    """Sine between corresponding edges, shape (E,)."""
-    product = norm(cross(mesh.edge_vectors, other.edge_vectors))
-    return np.asarray(product / np.maximum(mesh.edge_lengths * other.edge_lengths, 1e-300))
-
-
-def edge_factors(mesh: QuadMesh, vectors: Floats) -> Floats:
-    """Change kappa_e of each edge per unit of offset, e(d) = (1 + d kappa_e) e; shape (E,)."""
-    i, j = mesh.edges[:, 0], mesh.edges[:, 1]
-    return np.asarray(dot(vectors[j] - vectors[i], mesh.edge_vectors) / mesh.edge_lengths**2)
-
-
-def valid_range(mesh: QuadMesh, vectors: Floats) -> tuple[float, float]:
-    """Offset distances between which no edge reverses: (low <= 0, high >= 0), model unit.
-
-    Edges turn at the focal set of the surface; self-intersection further apart is not judged.
-    """
-    factors = edge_factors(mesh, vectors)
-    low = -1.0 / factors[factors > 0].max() if (factors > 0).any() else -np.inf
-    high = -1.0 / factors[factors < 0].min() if (factors < 0).any() else np.inf
-    return float(low), float(high)
+    low, high = valid_range(mesh, vectors.vectors)
+    values = [float(distance) for distance in distances]
+    for distance in values:
+        if values.count(distance) > 1:
+            raise MeshError(
+                f"The layers of a stack must differ; distance {distance:g} was given "
+                f"{values.count(distance)} times. Give each once."
+            )
+        if not low < distance < high:
+            raise MeshError(
+                f"A layer must lie where no edge is reversed, between {low:.6g} and {high:.6g}; "
+                f"found {distance:g}. Give a smaller distance."
+            )
+    return tuple(offset_layer(mesh, vectors, distance) for distance in values)

@@ -119,12 +119,12 @@ def _boundary_slides(mesh: QuadMesh, vectors: Floats, rows: Indices, freedom: Fl
             column = first[edge, end] + step
             entries.append((edge, column, sign * dot(across[edge], freedom[column])))
     edge, column, value = (np.concatenate(part) for part in zip(*entries, strict=True))
-    amounts = _least_squares(coo_array((value, (edge, column)), (len(ends), len(rows))), -gap)
+    amounts = least_squares(coo_array((value, (edge, column)), (len(ends), len(rows))), -gap)
     np.add.at(slides, rows, amounts[:, None] * freedom)
     return slides
 
 
-def _least_squares(matrix: coo_array, target: Floats) -> Floats:
+def least_squares(matrix: coo_array, target: Floats) -> Floats:
     """Shortest least-squares solution x of a sparse matrix.
 
     Each round solves for the remainder with a small ridge, so all rounds together leave neither
@@ -151,22 +151,21 @@ def _least_squares(matrix: coo_array, target: Floats) -> Floats:
 # --- vertex offsets -------------------------------------------------------------------------
 
 
-def vertex_offset_vectors(mesh: QuadMesh) -> OffsetVectors:
+def vertex_offset_vectors(mesh: QuadMesh, tolerance: float = CLOSING) -> OffsetVectors:
     """Unit vectors s with s_j = s_i - 2 (s_i . u) u along every edge: offsets of circular meshes.
 
     The reflections are chained over a spanning tree; the free start vector is the one whose
     images come nearest to the vertex normals among those that every loop maps to themselves.
     `error` is the largest gap over an edge: rounding error on circular discs, of order 1 where
-    faces are not circular or a loop around a hole does not close.
+    faces are not circular or a loop around a hole does not close. A loop of reflections closes
+    when it turns vectors by less than the tolerance.
 
     References: [thesis] section 3.2; errata page, E13.
     """
-    maps, links, reflections = _propagated(mesh)
+    maps, links, reflections = reflections_from_root(mesh)
     i, j = links[:, 0], links[:, 1]
-    # Around each link that is not in the tree: R_j' * reflection * R_i must keep the start.
-    loops = np.einsum("nba,nbc,ncd->nad", maps[j], reflections, maps[i]) - np.eye(3)
-    values, basis = np.linalg.eigh(np.einsum("nba,nbc->ac", loops, loops))
-    kept = values <= max(CLOSING**2 * max(len(links), 1), 0.0)
+    values, basis = starts_by_closing(maps, links, reflections)
+    kept = values <= tolerance**2 * max(len(links), 1)
     if not kept.any():
         kept = values == values.min()
     target = np.einsum("nji,nj->i", maps, mesh.vertex_normals)
@@ -182,8 +181,39 @@ def vertex_offset_vectors(mesh: QuadMesh) -> OffsetVectors:
     return OffsetVectors("vertex", vectors, gap)
 
 
-def _propagated(mesh: QuadMesh) -> tuple[Floats, Indices, Floats]:
-    """Product of reflections from a root to each vertex; all edges and their reflections."""
+def starts_by_closing(maps: Floats, links: Indices, reflections: Floats) -> tuple[Floats, Floats]:
+    """Start directions by how well the loops of reflections close.
+
+    Parameters
+    ----------
+    maps, links, reflections
+        From `reflections_from_root`.
+
+    Returns
+    -------
+    (3,), (3, 3)
+        Sums of squares, rising, by which all loops together move a start; and the starts as
+        orthonormal columns. Those of value 0 give vertex offsets.
+    """
+    i, j = links[:, 0], links[:, 1]
+    # Around each link that is not in the tree: R_j' * reflection * R_i must keep the start.
+    loops = np.einsum("nba,nbc,ncd->nad", maps[j], reflections, maps[i]) - np.eye(3)
+    values, basis = np.linalg.eigh(np.einsum("nba,nbc->ac", loops, loops))
+    return values, basis
+
+
+def reflections_from_root(mesh: QuadMesh) -> tuple[Floats, Indices, Floats]:
+    """Products of the edges' reflections from vertex 0 to each vertex; edges, their reflections.
+
+    Returns
+    -------
+    (V, 3, 3), (E, 2), (E, 3, 3)
+
+    Raises
+    ------
+    MeshError
+        For a mesh in several pieces.
+    """
     n = mesh.topology.n_vertices
     edges = mesh.edges
     u = mesh.edge_vectors / mesh.edge_lengths[:, None]
