@@ -1,0 +1,158 @@
+"""Koebe meshes on discs: all edges touch the unit sphere, the boundary is prescribed.
+
+In the plane the circles of the vertices touch along the edges, so that the centres of the boundary
+circles are the corners of a polygon. Prescribed at each boundary vertex is either
+
+- the angle of that polygon, the sum of the kites' angles at the circle, or
+- the radius of the circle, up to one factor for all.
+
+With angles only they must sum to (B - 2) pi for B boundary vertices, as in every polygon; one
+radius or more sets this free. In both cases every set of circles must want less than pi for each
+corner of the mesh that touches it; radii alone can always be met where interior vertices have at
+least four edges. The pattern is then unique. Counting: B numbers, and three for the place of the
+plane on the sphere, give 2m + 2n + 3 on a grid of m x n faces.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pqmesh.errors import MeshError
+from pqmesh.koebe.functional import log_radii
+from pqmesh.koebe.layout import Rounds, contacts, planar_circles
+from pqmesh.koebe.polish import polished
+from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
+from pqmesh.mesh.topology import Topology
+from pqmesh.vectors import Floats, norm
+
+
+def koebe_disc(
+    topology: Topology,
+    *,
+    angles: ArrayLike | None = None,
+    radii: ArrayLike | None = None,
+    reach: float = 0.5,
+) -> PolyMesh:
+    """Mesh of a disc whose edges touch the unit sphere, around the point (0, 0, 1).
+
+    Normals point outwards where the topology is counterclockwise seen from outside. The result is
+    a `QuadMesh` when all faces are quads.
+
+    Parameters
+    ----------
+    topology : Topology
+        A disc; faces of any length.
+    angles : (V,), radians, optional
+        Angle of the boundary polygon at boundary vertices, nan where the radius is given.
+    radii : (V,), optional
+        Radius in the plane at boundary vertices, nan where the angle is given. Only ratios count.
+    reach : float
+        Largest distance in the plane of a point of contact from their mean: the tangent of half
+        the angle that the mesh reaches on the sphere. 1 is half of the sphere.
+
+    Raises
+    ------
+    MeshError
+        When the topology is no disc, a boundary vertex has no value or two, the pattern does not
+        exist, or a circle comes out larger than half of the sphere.
+
+    References: [bobenko2004].
+
+    Examples
+    --------
+    A rectangle of equal circles.
+
+    >>> from pqmesh.mesh.exact import grid_faces
+    >>> grid = Topology(grid_faces(2, 2), 9)
+    >>> corners = np.where(grid.valence == 2, np.pi / 2, np.pi)
+    >>> mesh = koebe_disc(grid, angles=np.where(grid.is_boundary_vertex, corners, np.nan))
+    >>> bool(np.ptp(np.linalg.norm(mesh.vertices[[0, 2, 6, 8]], axis=1)) < 1e-12)
+    True
+    """
+    given_angles, known = _boundary_data(topology, angles, radii)
+    if not reach > 0.0:
+        raise MeshError(f"The reach must be positive; found {reach}. 1 is half of the sphere.")
+    rounds = Rounds.of(topology)
+    faces = np.full(topology.n_faces, 2.0 * np.pi)
+    logs = log_radii(
+        rounds.corners,
+        np.concatenate([given_angles, faces]),
+        np.concatenate([known, np.full(topology.n_faces, np.nan)]),
+    )
+    circles = _placed(planar_circles(rounds, np.exp(logs)), topology, reach)
+    circles, _ = polished(circles, rounds.corners, topology.edges)
+    vertices = circles[: topology.n_vertices]
+    behind = np.flatnonzero(vertices[:, 3] <= 1e-9 * norm(vertices[:, :3]))
+    if len(behind):
+        raise MeshError(
+            f"The circles must be smaller than half of the sphere; that of vertex {behind[0]} is "
+            f"not ({len(behind)} such circles). Choose a smaller reach than {reach:g}."
+        )
+    kind = QuadMesh if topology.is_quad else PolyMesh
+    return kind(vertices[:, :3] / vertices[:, 3:], topology)
+
+
+def planar_radii(mesh: PolyMesh) -> Floats:
+    """Radii in the plane of a Koebe mesh's vertex circles, seen from (0, 0, -1); shape (V,).
+
+    What `koebe_disc` takes at the boundary to give the same mesh, up to a Moebius map.
+    """
+    square = np.einsum("ni,ni->n", mesh.vertices, mesh.vertices) - 1.0
+    return np.asarray(np.sqrt(np.maximum(square, 0.0)) / (mesh.vertices[:, 2] + 1.0))
+
+
+def _boundary_data(
+    topology: Topology, angles: ArrayLike | None, radii: ArrayLike | None
+) -> tuple[Floats, Floats]:
+    """Angles (V,) with 2 pi inside, and logarithms of given radii (V,), nan where not given."""
+    if len(topology.boundary_loops) != 1 or topology.euler_characteristic != 1:
+        raise MeshError(
+            f"A disc must be one piece with one boundary and V - E + F = 1; found "
+            f"{len(topology.boundary_loops)} boundaries and {topology.euler_characteristic}. Cut "
+            f"the mesh open, or use koebe_polyhedron for a closed one."
+        )
+    n, outer = topology.n_vertices, topology.is_boundary_vertex
+    rows = []
+    for name, values in (("angles", angles), ("radii", radii)):
+        row = np.full(n, np.nan) if values is None else np.array(values, dtype=np.float64)
+        if row.shape != (n,):
+            raise MeshError(
+                f"The {name} must have shape ({n},), one for each vertex; found {row.shape}. Put "
+                f"nan where none is given."
+            )
+        row = np.where(outer, row, np.nan)
+        wrong = np.flatnonzero(~np.isnan(row) & ~((row > 0) & (row < np.inf)))
+        if len(wrong):
+            raise MeshError(
+                f"The {name} must be positive; vertex {wrong[0]} has {row[wrong[0]]}. Change it."
+            )
+        rows.append(row)
+    count = (~np.isnan(rows)).sum(axis=0)
+    bad = np.flatnonzero(outer & (count != 1))
+    if len(bad):
+        raise MeshError(
+            f"Each boundary vertex must have an angle or a radius; vertex {bad[0]} has "
+            f"{'both' if count[bad[0]] else 'none'} ({len(bad)} such vertices). Give one."
+        )
+    return np.where(outer, rows[0], 2.0 * np.pi), np.log(rows[1])
+
+
+def _placed(circles: Floats, topology: Topology, reach: float) -> Floats:
+    """Circles of the plane shifted to the mean of their contacts and scaled to the reach."""
+    points = contacts(circles, topology.edges)
+    plane = points[:, :2] / (1.0 + points[:, 2:])
+    mean = plane.mean(axis=0)
+    scale = reach / float(norm_2(plane - mean).max())
+    weight = circles[:, 3] + circles[:, 2]
+    # In the plane: centre p, radius r, with (2p, 1 - p^2 + r^2, 1 + p^2 - r^2) / 2r.
+    radius = scale / weight
+    centre = scale * (circles[:, :2] / weight[:, None] - mean)
+    power = np.einsum("ni,ni->n", centre, centre) - radius**2
+    rows = np.column_stack([2.0 * centre, 1.0 - power, 1.0 + power])
+    return np.asarray(rows / (2.0 * radius[:, None]))
+
+
+def norm_2(rows: Floats) -> Floats:
+    """Lengths of plane vectors."""
+    return np.asarray(np.hypot(rows[:, 0], rows[:, 1]))
