@@ -60,18 +60,20 @@ def log_radii(corners: Indices, angles: Floats, known: Floats | None = None) -> 
     >>> bool(np.allclose(log_radii(chain, np.pi * np.array([0.5, 1.0, 0.5])), 0.0))
     True
     """
-    rho = np.zeros(len(angles)) if known is None else np.where(np.isnan(known), np.nan, known)
-    free = np.isnan(rho) if known is not None else np.ones(len(angles), dtype=np.bool_)
-    if free.all():
+    given = np.zeros(len(angles), dtype=np.bool_) if known is None else ~np.isnan(known)
+    free = ~given
+    if not given.any():
         _check_sum(corners, angles)
         # Any circle may be held, for the size is free.
         rho, free = np.zeros(len(angles)), np.arange(len(angles)) > 0
-    elif free.any():
-        rho = np.where(free, rho[~free].mean(), rho)
-    if not free.any():
-        return rho
-    result = _newton(corners, angles, rho, free)
-    return result - result[0] if known is None or np.isnan(known).all() else result
+    else:
+        assert known is not None
+        rho = np.where(given, known, known[given].mean())
+    if free.any():
+        rho = _newton(corners, angles, rho, free)
+    if free.any() and np.abs(angle_gaps(corners, angles, rho)[free]).max() > CLOSED:
+        raise _unsolvable(corners, angles, rho, given)
+    return rho
 
 
 def angle_gaps(corners: Indices, angles: Floats, rho: Floats) -> Floats:
@@ -87,7 +89,7 @@ def angle_gaps(corners: Indices, angles: Floats, rho: Floats) -> Floats:
 
 
 def _newton(corners: Indices, angles: Floats, start: Floats, free: Mask) -> Floats:
-    """Newton's method with steps halved until the slope along the step has fallen."""
+    """Radii by Newton's method, each step halved until the slope along it has fallen."""
     column = np.where(free, np.cumsum(free) - 1, -1)
     i, j = column[corners[:, 0]], column[corners[:, 1]]
     inner = (i >= 0) & (j >= 0)
@@ -112,11 +114,9 @@ def _newton(corners: Indices, angles: Floats, start: Floats, free: Mask) -> Floa
         if not np.isfinite(step).all():
             break
         rho, gaps = _line_search(corners, angles, rho, free, step, gaps)
-        if np.ptp(rho) > RUNAWAY and np.abs(gaps[free]).max() > CLOSED:
+        if np.ptp(rho) > RUNAWAY:
             break
-    if np.abs(gaps[free]).max() < CLOSED:
-        return rho
-    raise _unsolvable(corners, angles, rho, free)
+    return rho
 
 
 def _line_search(
@@ -146,27 +146,21 @@ def _check_sum(corners: Indices, angles: Floats) -> None:
         )
 
 
-def _unsolvable(corners: Indices, angles: Floats, rho: Floats, free: Mask) -> MeshError:
+def _unsolvable(corners: Indices, angles: Floats, rho: Floats, given: Mask) -> MeshError:
     """The error that names a set of circles asking for more angle than there is."""
-    order = np.argsort(rho, kind="stable")
-    chosen = np.zeros(len(rho), dtype=np.bool_)
-    worst, found = -np.inf, (0, 0.0, 0.0, 0)
-    # The circles that vanish are the lower part of the order; each candidate is a prefix of it.
-    touched = np.full(len(corners), len(order))
-    place = np.empty(len(order), dtype=np.int64)
+    # Such circles vanish in the iteration: the sets to try are the smallest circles so far.
+    order = np.flatnonzero(~given)
+    order = order[np.argsort(rho[order], kind="stable")]
+    place = np.full(len(rho), len(order))
     place[order] = np.arange(len(order))
-    touched = place[corners].min(axis=1)
-    have = np.pi * np.cumsum(np.bincount(touched, minlength=len(order)))
-    want = np.cumsum(np.where(free[order], angles[order], 0.0))
-    chosen[order] = ~np.logical_or.accumulate(~free[order])
-    for count in range(1, int(chosen.sum()) + 1):
-        excess = want[count - 1] - have[count - 1]
-        if excess > worst and count < len(order):
-            worst = excess
-            found = (count, float(want[count - 1]), float(have[count - 1]), int(order[0]))
-    count, wanted, available, first = found
+    touched = np.bincount(place[corners].min(axis=1), minlength=len(order) + 1)[: len(order)]
+    available, wanted = np.pi * np.cumsum(touched), np.cumsum(angles[order])
+    proper = len(order) if given.any() else len(order) - 1
+    count = int((wanted - available)[:proper].argmax()) + 1
+    named = ", ".join(str(circle) for circle in np.sort(order[: min(count, 5)]))
     return MeshError(
-        f"Every set of circles must want less angle than pi for each corner that touches it; "
-        f"{count} circles around circle {first} want {wanted:.6g} of {available:.6g}, so no such "
-        f"pattern exists. Lower the angles there, or give radii."
+        f"Every set of circles must want less angle than pi for each corner that touches it; the "
+        f"{count} circles {named}{', ...' if count > 5 else ''} want {wanted[count - 1]:.6g}, and "
+        f"there is {available[count - 1]:.6g}. No such pattern exists: lower these angles, or "
+        f"give radii."
     )

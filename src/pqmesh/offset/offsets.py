@@ -14,7 +14,10 @@ from pqmesh.offset.vectors import (
     parallel_offset_vectors,
     vertex_offset_vectors,
 )
-from pqmesh.vectors import Floats, cross, dot, norm
+from pqmesh.vectors import Floats, cross, dot, norm, unit
+
+# Lines at an angle of a smaller sine have no common perpendicular to speak of.
+PARALLEL_LINES = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,9 +30,9 @@ class Layer:
         Same topology object as the base: combinatorially equivalent, parallel edges.
     distance : float, model unit
         Signed, along the face normals.
-    kind : 'face', 'vertex' or 'parallel'
+    kind : 'face', 'vertex', 'edge' or 'parallel'
     distance_error_max : float, model unit
-        Largest deviation from the distance: of face planes, or of vertices.
+        Largest deviation from the distance: of face planes, of vertices, or of edges' lines.
     parallel_error_max, parallel_error_boundary_max : float
         Largest sine between an edge and its offset, interior and boundary edges apart.
     planarity_max : float
@@ -101,6 +104,8 @@ def offset_layer(mesh: QuadMesh, vectors: OffsetVectors, distance: float) -> Lay
     moved = mesh.with_vertices(mesh.vertices + distance * vectors.vectors)
     if vectors.kind == "vertex":
         reached = np.abs(vertex_distance(mesh, moved) - abs(distance))
+    elif vectors.kind == "edge":
+        reached = np.abs(edge_distance(mesh, moved) - abs(distance))
     else:
         reached = np.abs(face_distance(mesh, moved) - distance)
     sines = parallel_error(mesh, moved)
@@ -136,6 +141,32 @@ def face_distance(mesh: QuadMesh, other: QuadMesh) -> Floats:
 def vertex_distance(mesh: QuadMesh, other: QuadMesh) -> Floats:
     """Distances of corresponding vertices, shape (V,), model unit."""
     return norm(other.vertices - mesh.vertices)
+
+
+def edge_distance(mesh: QuadMesh, other: QuadMesh) -> Floats:
+    """Distances d_e of the carrier lines of corresponding edges, shape (E,), model unit.
+
+    For parallel lines that of a point of one from the other; where they enclose an angle whose
+    sine exceeds 1e-6, the length of their common perpendicular.
+
+    References: [thesis] definition 2.3.1; lines, not segments, errata page, E7.
+
+    Examples
+    --------
+    >>> from pqmesh.mesh.solids import cube
+    >>> bool(np.allclose(edge_distance(cube(), cube().with_vertices(2 * cube().vertices)), 2**0.5))
+    True
+    """
+    first, second = unit(mesh.edge_vectors), unit(other.edge_vectors)
+    moves = other.vertices - mesh.vertices
+    i, j = mesh.edges[:, 0], mesh.edges[:, 1]
+    # The mean of the moves at both ends favours neither, should the lines be skew by a little.
+    between = 0.5 * (moves[i] + moves[j])
+    normal = cross(first, second)
+    sine = norm(normal)
+    skew = sine > PARALLEL_LINES
+    common = np.abs(dot(between, normal)) / np.where(skew, sine, 1.0)
+    return np.where(skew, common, norm(cross(between, first)))
 
 
 def parallel_error(mesh: QuadMesh, other: QuadMesh) -> Floats:
