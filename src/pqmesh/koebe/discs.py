@@ -24,7 +24,7 @@ from pqmesh.koebe.layout import Rounds, contacts, planar_circles
 from pqmesh.koebe.polish import polished
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.mesh.topology import Topology
-from pqmesh.vectors import Floats, norm
+from pqmesh.vectors import Floats, cross, norm, unit
 
 
 def koebe_disc(
@@ -80,7 +80,12 @@ def koebe_disc(
         np.concatenate([given_angles, faces]),
         np.concatenate([known, np.full(topology.n_faces, np.nan)]),
     )
-    circles = _placed(planar_circles(rounds, np.exp(logs)), topology, reach)
+    circles = planar_circles(rounds, np.exp(logs))
+    plane = contacts(circles, topology.edges)
+    plane = plane[:, :2] / (1.0 + plane[:, 2:])
+    mean = plane.mean(axis=0)
+    scale = reach / float(np.hypot(*(plane - mean).T).max())
+    circles = moved_in_plane(circles, complex(scale), complex(*(-scale * mean)))
     circles, _ = polished(circles, rounds.corners, topology.edges)
     vertices = circles[: topology.n_vertices]
     behind = np.flatnonzero(vertices[:, 3] <= 1e-9 * norm(vertices[:, :3]))
@@ -138,21 +143,69 @@ def _boundary_data(
     return np.where(outer, rows[0], 2.0 * np.pi), np.log(rows[1])
 
 
-def _placed(circles: Floats, topology: Topology, reach: float) -> Floats:
-    """Circles of the plane shifted to the mean of their contacts and scaled to the reach."""
-    points = contacts(circles, topology.edges)
-    plane = points[:, :2] / (1.0 + points[:, 2:])
-    mean = plane.mean(axis=0)
-    scale = reach / float(norm_2(plane - mean).max())
-    weight = circles[:, 3] + circles[:, 2]
+def koebe_near(topology: Topology, normals: Floats) -> Floats:
+    """Vertices of a Koebe mesh on a disc near given unit vectors, (V, 3).
+
+    The radii at the boundary are taken from the vectors' distances, seen in the plane; then the
+    whole is brought near to them by a similarity of the plane. The vectors may run around the
+    sphere in either sense.
+
+    Raises
+    ------
+    MeshError
+        When the topology is no disc, or no pattern has these radii.
+    """
+    turn = _upright(normals)
+    places = normals @ turn.T
+    if _is_clockwise(topology, places):
+        # A mirror image runs in the other sense; the topology follows it.
+        turn = np.diag([1.0, -1.0, 1.0]) @ turn
+        places = normals @ turn.T
+        faces = [face[::-1] for face in topology.face_lists()]
+        topology = Topology(faces, topology.n_vertices)
+    wanted = (places[:, 0] + 1j * places[:, 1]) / (1.0 + places[:, 2])
+    i, j = topology.edges[topology.is_boundary_edge].T
+    length, size = np.abs(wanted[i] - wanted[j]), topology.n_vertices
+    radii = np.full(size, np.nan)
+    ends = np.concatenate([i, j])
+    sums = np.bincount(ends, np.tile(length, 2), size)[ends]
+    radii[ends] = 0.5 * sums / np.bincount(ends, minlength=size)[ends]
+    given, known = _boundary_data(topology, None, radii)
+    rounds = Rounds.of(topology)
+    faces_angles = np.full(topology.n_faces, 2.0 * np.pi)
+    logs = log_radii(
+        rounds.corners,
+        np.concatenate([given, faces_angles]),
+        np.concatenate([known, np.full(topology.n_faces, np.nan)]),
+    )
+    circles = planar_circles(rounds, np.exp(logs))
+    weight = (circles[:size, 3] + circles[:size, 2])[:, None]
+    centre = (circles[:size, :2] / weight) @ np.array([1.0, 1.0j])
+    middle, target = centre.mean(), wanted.mean()
+    factor = np.vdot(centre - middle, wanted - target) / np.vdot(centre - middle, centre - middle)
+    circles = moved_in_plane(circles, complex(factor), complex(target - factor * middle))
+    circles, _ = polished(circles, rounds.corners, topology.edges)
+    return np.asarray(circles[:size, :3] / circles[:size, 3:] @ turn)
+
+
+def moved_in_plane(circles: Floats, factor: complex, shift: complex) -> Floats:
+    """Circles after the similarity z -> factor z + shift of the plane."""
     # In the plane: centre p, radius r, with (2p, 1 - p^2 + r^2, 1 + p^2 - r^2) / 2r.
-    radius = scale / weight
-    centre = scale * (circles[:, :2] / weight[:, None] - mean)
-    power = np.einsum("ni,ni->n", centre, centre) - radius**2
-    rows = np.column_stack([2.0 * centre, 1.0 - power, 1.0 + power])
+    weight = circles[:, 3] + circles[:, 2]
+    radius = abs(factor) / weight
+    centre = factor * (circles[:, 0] + 1j * circles[:, 1]) / weight + shift
+    power = np.abs(centre) ** 2 - radius**2
+    rows = np.column_stack([2.0 * centre.real, 2.0 * centre.imag, 1.0 - power, 1.0 + power])
     return np.asarray(rows / (2.0 * radius[:, None]))
 
 
-def norm_2(rows: Floats) -> Floats:
-    """Lengths of plane vectors."""
-    return np.asarray(np.hypot(rows[:, 0], rows[:, 1]))
+def _upright(normals: Floats) -> Floats:
+    """Rotation (3, 3) that brings the mean of unit vectors to the z axis."""
+    axis = unit(normals.mean(axis=0))
+    first = unit(cross(axis, np.eye(3)[np.abs(axis).argmin()]))
+    return np.stack([first, cross(axis, first), axis])
+
+
+def _is_clockwise(topology: Topology, places: Floats) -> bool:
+    """Whether faces run clockwise in plan, by their total area."""
+    return bool(PolyMesh(places, topology).face_area_vectors[:, 2].sum() < 0)
