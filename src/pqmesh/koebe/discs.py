@@ -22,9 +22,10 @@ from pqmesh.errors import MeshError
 from pqmesh.koebe.functional import log_radii
 from pqmesh.koebe.layout import Rounds, contacts, planar_circles
 from pqmesh.koebe.polish import polished
+from pqmesh.mesh.planes import face_planes
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.mesh.topology import Topology
-from pqmesh.vectors import Floats, cross, norm, unit
+from pqmesh.vectors import Floats, cross, dot, norm, unit
 
 
 def koebe_disc(
@@ -158,11 +159,9 @@ def koebe_near(topology: Topology, normals: Floats) -> Floats:
     turn = _upright(normals)
     places = normals @ turn.T
     if _is_clockwise(topology, places):
-        # A mirror image runs in the other sense; the topology follows it.
+        # The Gauss image of a saddle runs the other way round; its mirror image does not.
         turn = np.diag([1.0, -1.0, 1.0]) @ turn
         places = normals @ turn.T
-        faces = [face[::-1] for face in topology.face_lists()]
-        topology = Topology(faces, topology.n_vertices)
     wanted = (places[:, 0] + 1j * places[:, 1]) / (1.0 + places[:, 2])
     i, j = topology.edges[topology.is_boundary_edge].T
     length, size = np.abs(wanted[i] - wanted[j]), topology.n_vertices
@@ -186,6 +185,35 @@ def koebe_near(topology: Topology, normals: Floats) -> Floats:
     circles = moved_in_plane(circles, complex(factor), complex(target - factor * middle))
     circles, _ = polished(circles, rounds.corners, topology.edges)
     return np.asarray(circles[:size, :3] / circles[:size, 3:] @ turn)
+
+
+def exact_image(image: QuadMesh) -> tuple[QuadMesh, float]:
+    """The Koebe mesh next to one that nearly is, and its largest error of contact.
+
+    Raises
+    ------
+    MeshError
+        When a vertex lies inside the sphere or a face outside.
+    """
+    points, planes, topology = image.vertices, face_planes(image), image.topology
+    out, inside = dot(points, points) - 1.0, 1.0 - planes[:, 3] ** 2
+    for name, values in (("vertex", out), ("face", inside)):
+        bad = np.flatnonzero(values <= 0.0)
+        if len(bad):
+            raise MeshError(
+                f"Vertices must lie outside of the unit sphere and faces cut it; {name} {bad[0]} "
+                f"does not ({len(bad)} such). Start nearer to a Koebe mesh."
+            )
+    circles = np.concatenate(
+        [
+            np.column_stack([points, np.ones(len(points))]) / np.sqrt(out)[:, None],
+            planes / np.sqrt(inside)[:, None],
+        ]
+    )
+    corners = np.column_stack([topology.indices, topology.n_vertices + topology.corner_faces])
+    circles, error = polished(circles, corners, topology.edges)
+    poles = circles[: topology.n_vertices]
+    return image.with_vertices(poles[:, :3] / poles[:, 3:]), error
 
 
 def moved_in_plane(circles: Floats, factor: complex, shift: complex) -> Floats:
