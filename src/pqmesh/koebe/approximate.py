@@ -1,8 +1,9 @@
 """The mesh with exact edge offsets that comes nearest to a given surface patch.
 
 Meshes with edge offsets are few: on a grid of m x n faces the Koebe mesh S has 2m + 2n + 3 degrees
-of freedom and the mesh M in P(S) another m + n + 3, against mn distances from a surface. In the limit
-the surface must be L-isothermic (`square_patch`). The best such pair is sought among exact ones only:
+of freedom and the mesh M in P(S) another m + n + 3, against mn distances from a surface. In the
+limit the surface must be L-isothermic (`square_patch`). The best such pair is sought among exact
+ones only:
 
 1. S near the normals of a start mesh of curvature lines, by its circle pattern;
 2. M in P(S) nearest to the start, linear least squares;
@@ -39,7 +40,7 @@ from pqmesh.vectors import Floats, dot, norm
 # Weight of the exact conditions in a step; what they leave over is removed afterwards.
 STIFF = 1e8
 # Steps end when they lower the sum of squares by less than this share.
-WORTH, LEAST_SHARE = 1e-3, 1e-3
+WORTH, LEAST_SHARE, TRIES = 1e-3, 1e-3, 14
 
 
 @dataclass(frozen=True)
@@ -52,9 +53,9 @@ class FitWeights:
     """
 
     closeness: float = 1e4
-    fairness: float = 1e-1
+    fairness: float = 10.0
     image_fairness: float = 1e-3
-    anchor: float = 1e-3
+    anchor: float = 0.1
     slide: float = 0.1
 
 
@@ -245,7 +246,7 @@ class _Search:
             residuals.append(residual)
         still, damping = np.zeros(self.mesh.topology.n_faces), self.damping
         before = self.value
-        for _ in range(8):
+        for _ in range(TRIES):
             # Damped by a move in mean edges, not by the stiff diagonal.
             step = self._solved(parts, residuals, still, damping)
             found = None if step is None else self._tried(step)

@@ -71,17 +71,9 @@ def koebe_disc(
     >>> bool(np.ptp(np.linalg.norm(mesh.vertices[[0, 2, 6, 8]], axis=1)) < 1e-12)
     True
     """
-    given_angles, known = _boundary_data(topology, angles, radii)
     if not reach > 0.0:
         raise MeshError(f"The reach must be positive; found {reach}. 1 is half of the sphere.")
-    rounds = Rounds.of(topology)
-    faces = np.full(topology.n_faces, 2.0 * np.pi)
-    logs = log_radii(
-        rounds.corners,
-        np.concatenate([given_angles, faces]),
-        np.concatenate([known, np.full(topology.n_faces, np.nan)]),
-    )
-    circles = planar_circles(rounds, np.exp(logs))
+    rounds, circles = _pattern(topology, angles, radii)
     plane = contacts(circles, topology.edges)
     plane = plane[:, :2] / (1.0 + plane[:, 2:])
     mean = plane.mean(axis=0)
@@ -106,6 +98,20 @@ def planar_radii(mesh: PolyMesh) -> Floats:
     """
     square = np.einsum("ni,ni->n", mesh.vertices, mesh.vertices) - 1.0
     return np.asarray(np.sqrt(np.maximum(square, 0.0)) / (mesh.vertices[:, 2] + 1.0))
+
+
+def _pattern(
+    topology: Topology, angles: ArrayLike | None, radii: ArrayLike | None
+) -> tuple[Rounds, Floats]:
+    """Circles in the plane with given boundary data, and who is whose neighbour."""
+    given, known = _boundary_data(topology, angles, radii)
+    rounds = Rounds.of(topology)
+    logs = log_radii(
+        rounds.corners,
+        np.concatenate([given, np.full(topology.n_faces, 2.0 * np.pi)]),
+        np.concatenate([known, np.full(topology.n_faces, np.nan)]),
+    )
+    return rounds, planar_circles(rounds, np.exp(logs))
 
 
 def _boundary_data(
@@ -169,15 +175,7 @@ def koebe_near(topology: Topology, normals: Floats) -> Floats:
     ends = np.concatenate([i, j])
     sums = np.bincount(ends, np.tile(length, 2), size)[ends]
     radii[ends] = 0.5 * sums / np.bincount(ends, minlength=size)[ends]
-    given, known = _boundary_data(topology, None, radii)
-    rounds = Rounds.of(topology)
-    faces_angles = np.full(topology.n_faces, 2.0 * np.pi)
-    logs = log_radii(
-        rounds.corners,
-        np.concatenate([given, faces_angles]),
-        np.concatenate([known, np.full(topology.n_faces, np.nan)]),
-    )
-    circles = planar_circles(rounds, np.exp(logs))
+    rounds, circles = _pattern(topology, None, radii)
     weight = (circles[:size, 3] + circles[:size, 2])[:, None]
     centre = (circles[:size, :2] / weight) @ np.array([1.0, 1.0j])
     middle, target = centre.mean(), wanted.mean()

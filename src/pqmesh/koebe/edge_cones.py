@@ -1,10 +1,10 @@
 """Cones of revolution through the edges of a vertex: what an edge offset asks of one node.
 
 If a mesh has an edge offset with Gauss image s, all edge lines at a vertex make one angle with s:
-for the outgoing directions u_i there are signs with (a . e_i u_i) = cos t for all edges, a = s/|s|,
-and s = a / sin t lies where lines of these directions touch the unit sphere. The tips e_i u_i lie in
-one plane across a, which is one condition for each edge past the third. Signs + + + + make an
-elliptic vertex, + - + - a saddle; one sign against three occurs where the curvature along one
+for the outgoing directions u_i there are signs with (a . e_i u_i) = cos t for all edges, where
+a = s/|s|, and s = a / sin t lies where lines of these directions touch the unit sphere. The tips
+e_i u_i lie in one plane across a, which is one condition for each edge past the third. Signs ++++
+make an elliptic vertex, +-+- a saddle; one sign against three occurs where the curvature along one
 polyline changes its sign.
 """
 
@@ -61,13 +61,15 @@ def edge_cones(mesh: PolyMesh) -> EdgeCones:
     >>> set(cones.signs), bool(np.allclose(cones.vectors, cube().vertices / 2.0**0.5))
     ({'+++'}, True)
     """
-    vertices, vectors, misfits = [], [], []
+    vertices: list[Indices] = []
+    vectors: list[Floats] = []
+    misfits: list[Floats] = []
     names: dict[int, str] = {}
     for star in mesh.topology.stars():
         found, best, misfit = _best(mesh, star)
         vertices.append(star.vertices)
-        vectors.append(found)
-        misfits.append(misfit)
+        vectors.append(np.asarray(found, dtype=np.float64))
+        misfits.append(np.asarray(misfit, dtype=np.float64))
         classes = sign_classes(star.neighbors.shape[1])
         for vertex, row in zip(star.vertices.tolist(), classes[best], strict=True):
             names[vertex] = "".join("+" if sign > 0 else "-" for sign in row)

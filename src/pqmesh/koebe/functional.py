@@ -159,8 +159,8 @@ def _unsolvable(corners: Indices, angles: Floats, rho: Floats, given: Mask) -> M
     count = int((wanted - available)[:proper].argmax()) + 1
     named = ", ".join(str(circle) for circle in np.sort(order[: min(count, 5)]))
     return MeshError(
-        f"Every set of circles must want less angle than pi for each corner that touches it; the "
-        f"{count} circles {named}{', ...' if count > 5 else ''} want {wanted[count - 1]:.6g}, and "
-        f"there is {available[count - 1]:.6g}. No such pattern exists: lower these angles, or "
-        f"give radii."
+        f"Every set of circles must want less angle than pi for each corner that touches it; "
+        f"circles {named}{f', ... ({count} in all)' if count > 5 else ''} want "
+        f"{wanted[count - 1]:.6g}, and there is {available[count - 1]:.6g}. No such "
+        f"pattern exists: lower these angles, or give radii."
     )

@@ -9,6 +9,7 @@ from outside when <X, Y> = -1; X + Y is then the point of contact, (t, 1) up to 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -120,7 +121,7 @@ def _directions(rounds: Rounds, radii: Floats) -> Floats:
     return np.asarray(total - total[start][rounds.circle])
 
 
-def _chained(rounds: Rounds, radii: Floats, along: Floats, finite: Mask) -> tuple[Floats, Floats]:
+def _chained(rounds: Rounds, radii: Floats, along: Floats, finite: Mask) -> tuple[Any, Floats]:
     """Centres as complex numbers and the direction of the first neighbour, finite circles."""
     n = len(radii)
     entries = np.flatnonzero(finite[rounds.circle] & finite[rounds.neighbor])

@@ -1,13 +1,13 @@
-"""Meshes parallel to a Koebe mesh: all of them have edge offsets, and one is nearest to a target."""
+"""Meshes parallel to a Koebe mesh: all have edge offsets, and one is nearest to a target."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from pqmesh.errors import MeshError
-from pqmesh.linear import SymmetricPattern
+from pqmesh.linear import Factor, SymmetricPattern
 from pqmesh.mesh.quadmesh import QuadMesh
-from pqmesh.vectors import TINY, Floats, norm
+from pqmesh.vectors import TINY, Floats, Indices, norm
 
 # Soft goals over parallel edges; rounds of multipliers, and when they end.
 SOFT, ROUNDS, PARALLEL = 1e-6, 60, 1e-14
@@ -52,15 +52,32 @@ def parallel_member(
             f"Edges of the image must have a direction; edge {image.edges[short[0]].tolist()} has "
             f"length 0. Merge its ends."
         )
-    size, count = float(np.ptp(targets, axis=0).max()), len(targets)
     along = image.edge_vectors / image.edge_lengths[:, None]
     across = np.eye(3) - along[:, :, None] * along[:, None, :]
     stiff = np.concatenate([-across, across], axis=2)
     links = (3 * image.edges[:, :, None] + np.arange(3)).reshape(-1, 6)
-    weights = np.tile(np.eye(3), (count, 1, 1))
+    weights = np.tile(np.eye(3), (len(targets), 1, 1))
     if normals is not None:
         outer = normals[:, :, None] * normals[:, None, :]
         weights = outer + slide**2 * (weights - outer)
+    factor = _factored(stiff, links, weights)
+    # Unknown is the move from the targets, so that far-away origins cost no digits.
+    gaps = np.einsum("era,ea->er", stiff, targets.reshape(-1)[links])
+    size, forces, moves = float(np.ptp(targets, axis=0).max()), np.zeros_like(gaps), np.empty(0)
+    for _ in range(ROUNDS):
+        pull = np.einsum("era,er->ea", stiff, gaps + forces)
+        held = np.bincount(links.ravel(), pull.ravel(), 3 * len(targets))
+        moves = factor.solve(-np.asarray(held, dtype=np.float64))
+        rest = gaps + np.einsum("era,ea->er", stiff, moves[links])
+        forces = forces + rest
+        if norm(rest).max() <= PARALLEL * size:
+            break
+    return image.with_vertices(targets + moves.reshape(-1, 3))
+
+
+def _factored(stiff: Floats, links: Indices, weights: Floats) -> Factor:
+    """Factor of the normal equations: stiff rows (E, 3, 6), soft weights (V, 3, 3)."""
+    count = len(weights)
     spots = (3 * np.arange(count)[:, None] + np.arange(3)).reshape(-1, 3)
     pattern = SymmetricPattern(
         np.concatenate([np.repeat(t, t.shape[1], axis=1).ravel() for t in (links, spots)]),
@@ -68,17 +85,4 @@ def parallel_member(
         3 * count,
     )
     local = np.einsum("era,erb->eab", stiff, stiff)
-    factor = pattern.factor(pattern.values(np.concatenate([local.ravel(), SOFT * weights.ravel()])))
-    # Unknown is the move from the targets, so that far-away origins cost no digits.
-    forces, gaps = np.zeros((len(links), 3)), np.einsum(
-        "era,ea->er", stiff, targets.reshape(-1)[links]
-    )
-    moves = np.zeros(3 * count)
-    for _ in range(ROUNDS):
-        pull = np.einsum("era,er->ea", stiff, gaps + forces)
-        moves = factor.solve(-np.bincount(links.ravel(), pull.ravel(), 3 * count))
-        rest = gaps + np.einsum("era,ea->er", stiff, moves[links])
-        forces = forces + rest
-        if norm(rest).max() <= PARALLEL * size:
-            break
-    return image.with_vertices(targets + moves.reshape(-1, 3))
+    return pattern.factor(pattern.values(np.concatenate([local.ravel(), SOFT * weights.ravel()])))

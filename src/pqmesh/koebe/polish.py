@@ -15,8 +15,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from pqmesh.linear import SymmetricPattern
 from pqmesh.koebe.layout import METRIC, lorentz
+from pqmesh.linear import SymmetricPattern
 from pqmesh.vectors import Floats, Indices, cross, norm, unit
 
 MOST_STEPS, LONGEST_STEP = 25, 0.5
@@ -60,8 +60,13 @@ def polished(circles: Floats, corners: Indices, edges: Indices) -> tuple[Floats,
 
 
 def _unit(circles: Floats) -> Floats:
-    """Vectors scaled to <X, X> = 1; the layout leaves rounding of large coordinates in it."""
-    return np.asarray(circles / np.sqrt(np.abs(lorentz(circles, circles)))[:, None])
+    """Vectors scaled to <X, X> = 1; nan for one that has lost all digits and is no circle.
+
+    The layout leaves rounding of large coordinates in the product.
+    """
+    square = lorentz(circles, circles)
+    size = np.sqrt(np.where(square > 0.0, square, np.nan))
+    return np.asarray(circles / size[:, None])
 
 
 def _residuals(circles: Floats, corners: Indices, edges: Indices) -> tuple[Floats, float]:

@@ -22,8 +22,8 @@ def koebe_polyhedron(topology: Topology) -> PolyMesh:
 
     It exists for every polyhedral graph and is unique up to Moebius maps of the sphere. The one
     returned has the mean of its points of contact at the origin, which lies inside; a rotation is
-    all that is left open. Normals point outwards where the topology is oriented so, which decides
-    between the solid and its mirror image. The result is a `QuadMesh` when all faces are quads.
+    all that is left open. Normals point outwards: the orientation of the topology decides between
+    the solid and its mirror image. The result is a `QuadMesh` when all faces are quads.
 
     Parameters
     ----------
@@ -169,4 +169,6 @@ def _radii_beside(rounds: Rounds, lines: Indices, inner: Indices) -> Floats:
     beside = (pairs >= 0).sum(axis=1) == 1
     # Seen from a circle, the kite with a line opens by pi.
     cut = np.bincount(pairs[beside].max(axis=1), minlength=len(inner))
-    return log_radii(pairs[(pairs >= 0).all(axis=1)], np.pi * (2.0 - cut))
+    return log_radii(
+        pairs[(pairs >= 0).all(axis=1)], np.asarray(np.pi * (2.0 - cut), dtype=np.float64)
+    )

@@ -4,8 +4,8 @@ Koebe meshes of a square grid are discrete conformal maps: their faces are nearl
 image of a mesh of curvature lines has right angles, and its faces can be made squares by spacing
 the lines exactly when log(|dN| along one family / |dN| along the other) is a sum of a function of
 either line: the surface is L-isothermic. Surfaces of revolution, quadrics and minimal surfaces are.
-On others the best such sum is taken, and what it misses tells beforehand how far the surface is from
-having edge offsets.
+On others the best such sum is taken, and what it misses tells beforehand how far the surface is
+from having edge offsets.
 """
 
 from __future__ import annotations
