@@ -88,9 +88,9 @@ def sign_classes(valence: int) -> Floats:
     if valence <= MOST_SIGNS:
         rest = itertools.product((1.0, -1.0), repeat=valence - 1)
         return np.array([(1.0, *row) for row in rest])
-    classes = [np.ones(valence)]
+    classes: list[Floats] = [np.ones(valence)]
     if valence % 2 == 0:
-        classes.append((-1.0) ** np.arange(valence))
+        classes.append(np.asarray((-1.0) ** np.arange(valence), dtype=np.float64))
     return np.array(classes)
 
 
