@@ -152,7 +152,7 @@ def approximate_edge_offset(
     MeshError
         When the start is no disc.
 
-    References: the question is [thesis] section 4.2; theory: [pottmann2007].
+    References: the question is [thesis] section 4.2; theory: [pottmann2007], [pottmann2010].
 
     Examples
     --------

@@ -37,7 +37,7 @@ def christoffel_dual(image: QuadMesh, *, flip: bool = False) -> QuadMesh:
         When an edge does not touch the sphere, the edges do not split into two families (interior
         vertices of odd valence), or the dual does not close around a hole.
 
-    References: [bobenkohoffmann2006].
+    References: [bobenko2006].
 
     Examples
     --------

@@ -45,7 +45,7 @@ def discrete_catenoid(n: int, start: float, rows: int) -> QuadMesh:
     offsets, which tends to the catenoid as n grows. Rows run downwards, so that edges along the
     meridians are opposite to those of its Gauss image.
 
-    References: theory: [bobenkohoffmann2006].
+    References: theory: [bobenko2006].
 
     Examples
     --------

@@ -12,7 +12,9 @@ corners with weights 1 / cosh(rho_j - rho_i).
 
 Degrees of freedom: rho + constant is the same pattern at another size, so without a known radius
 the angles must sum to pi for each corner. A solution exists exactly when, besides, every set of
-circles has less than pi for each corner that touches it [bobenko2004]; it is unique up to size.
+circles wants less than pi for each corner that touches it; it is unique up to size.
+
+References: [bobenkospringborn2004].
 """
 
 from __future__ import annotations
@@ -49,7 +51,7 @@ def log_radii(corners: Indices, angles: Floats, known: Floats | None = None) -> 
         When the pattern does not exist: angles that do not add up, or a set of circles that
         wants more angle than its corners have.
 
-    References: [bobenko2004].
+    References: [bobenkospringborn2004].
 
     Examples
     --------

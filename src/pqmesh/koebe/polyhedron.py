@@ -36,7 +36,7 @@ def koebe_polyhedron(topology: Topology) -> PolyMesh:
         When the topology has a boundary, several pieces or holes, or is not 3-connected; or
         when its circles get too small for double precision.
 
-    References: [bobenko2004], [springborn2005].
+    References: [bobenkospringborn2004], [springborn2005].
 
     Examples
     --------

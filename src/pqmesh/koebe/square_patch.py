@@ -6,6 +6,8 @@ the lines exactly when log(|dN| along one family / |dN| along the other) is a su
 either line: the surface is L-isothermic. Surfaces of revolution, quadrics and minimal surfaces are.
 On others the best such sum is taken, and what it misses tells beforehand how far the surface is
 from having edge offsets.
+
+References: [musso2000].
 """
 
 from __future__ import annotations
