@@ -11,6 +11,7 @@ from pqmesh.errors import MeshError
 from pqmesh.mesh.measure import planarity
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.offset.distances import (
+    edge_distance,
     edge_factors,
     face_distance,
     parallel_error,
@@ -49,9 +50,9 @@ class Layer:
         Same topology object as the base: combinatorially equivalent, parallel edges.
     distance : float, model unit
         Signed, along the face normals.
-    kind : 'face', 'vertex' or 'parallel'
+    kind : 'face', 'vertex', 'edge' or 'parallel'
     distance_error_max : float, model unit
-        Largest deviation from the distance: of face planes, or of vertices.
+        Largest deviation from the distance: of face planes, of vertices, or of edges' lines.
     parallel_error_max, parallel_error_boundary_max : float
         Largest sine between an edge and its offset, interior and boundary edges apart.
     planarity_max : float
@@ -123,6 +124,8 @@ def offset_layer(mesh: QuadMesh, vectors: OffsetVectors, distance: float) -> Lay
     moved = mesh.with_vertices(mesh.vertices + distance * vectors.vectors)
     if vectors.kind == "vertex":
         reached = np.abs(vertex_distance(mesh, moved) - abs(distance))
+    elif vectors.kind == "edge":
+        reached = np.abs(edge_distance(mesh, moved) - abs(distance))
     else:
         reached = np.abs(face_distance(mesh, moved) - distance)
     sines = parallel_error(mesh, moved)

@@ -30,8 +30,8 @@ class OffsetVectors:
 
     Attributes
     ----------
-    kind : 'face', 'vertex' or 'parallel'
-        What stays constant: face distance, vertex distance, or nothing but parallelism.
+    kind : 'face', 'vertex', 'edge' or 'parallel'
+        What stays constant: face, vertex or edge distance, or nothing but parallelism.
     vectors : (V, 3)
     error : float
         Largest deviation of the distance per unit of offset.

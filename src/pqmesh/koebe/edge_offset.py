@@ -1,0 +1,315 @@
+"""Edge offsets: whether a mesh has them, its Gauss image, and the offset meshes.
+
+A mesh M has edge offsets exactly when there is a mesh S parallel to M, without zero edges, all of
+whose edge lines touch the unit sphere (Koebe mesh); then M + dS has all edge lines at distance |d|.
+Contact may lie outside an edge. For three coordinates a vertex there is one equation an edge
+beside those of P(M): a general planar mesh has no edge offset at all, and where one exists, it is
+as a rule the only one up to its side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pqmesh.errors import MeshError
+from pqmesh.koebe.edge_cones import edge_cones
+from pqmesh.linear import SymmetricPattern
+from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
+from pqmesh.offset.vectors import OffsetVectors
+from pqmesh.vectors import TINY, Floats, Indices, cross, dot, norm, unit
+
+# Largest error at which an image counts as one.
+EXACT = 1e-9
+MOST_STEPS, DAMPING, ENOUGH = 60, 1e-8, 1e-15
+# Free dimensions are counted by singular values, up to this many unknowns.
+DENSE, RANK_TOLERANCE = 900, 1e-7
+# An image with a shorter edge is none: translations have all edges of length 0.
+COLLAPSED = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeOffset:
+    """Answer to whether a mesh has edge offsets.
+
+    Attributes
+    ----------
+    exists : bool
+    image : (V, 3) or None
+        Vertices of the Gauss image S, on the side of the normals; None when there is none.
+    error : float
+        Of the best image found, per unit of offset: largest error of the distance of an edge's
+        line, or distance of its two ends' moves across the edge.
+    family_dimension : int or None
+        Dimension of the family of images around this one, None when there is none or the mesh is
+        too large to count (more than 300 vertices).
+    """
+
+    exists: bool
+    image: Floats | None
+    error: float
+    family_dimension: int | None
+
+
+def edge_offset_test(mesh: QuadMesh, tolerance: float = EXACT) -> EdgeOffset:
+    """Whether a planar mesh has edge offsets, and its Gauss image.
+
+    Parameters
+    ----------
+    mesh : QuadMesh
+        Planar, without edges of length 0.
+    tolerance : float
+        Largest error per unit of offset at which an image counts.
+
+    Raises
+    ------
+    MeshError
+        For an edge of length 0.
+
+    References: [thesis] section 4.2 and theorem 3.1.1 (2); errata page, E10 and E18.
+
+    Examples
+    --------
+    >>> from pqmesh.mesh.solids import cube
+    >>> box = cube().with_vertices(cube().vertices * [1.0, 2.0, 3.0])
+    >>> found = edge_offset_test(box)
+    >>> found.exists, found.family_dimension
+    (True, 0)
+    >>> bool(np.allclose(found.image, cube().vertices / 2**0.5))
+    True
+    """
+    image = nearest_image(mesh)
+    error = image_error(mesh, image)
+    if not error <= tolerance or _collapsed(mesh, image):
+        return EdgeOffset(False, None, error, None)
+    return EdgeOffset(True, image, error, _free_dimensions(mesh, image))
+
+
+def edge_offset_vectors(mesh: QuadMesh) -> OffsetVectors:
+    """Vectors s whose edge lines have distance 1 from the origin, as nearly as the mesh allows.
+
+    `error` is that of `edge_offset_test`: rounding on a mesh with edge offsets.
+    """
+    image = nearest_image(mesh)
+    return OffsetVectors("edge", image, image_error(mesh, image))
+
+
+def edge_offset(mesh: QuadMesh, distance: float) -> QuadMesh:
+    """Parallel mesh whose edges' lines lie at a constant distance, where the mesh has one.
+
+    Elsewhere the nearest there is; `offset.offsets.edge_distance` tells how the distance varies.
+
+    Parameters
+    ----------
+    mesh : QuadMesh
+    distance : float, model unit
+        Positive goes to the side of the normals.
+
+    References: [thesis] theorem 3.1.1 (2) with erratum E10.
+
+    Examples
+    --------
+    >>> from pqmesh.koebe.families import discrete_catenoid
+    >>> from pqmesh.offset.distances import edge_distance
+    >>> catenoid = discrete_catenoid(8, -0.8, 3)
+    >>> bool(np.allclose(edge_distance(catenoid, edge_offset(catenoid, 0.1)), 0.1))
+    True
+    """
+    return mesh.with_vertices(mesh.vertices + distance * nearest_image(mesh))
+
+
+def image_error(mesh: PolyMesh, image: Floats) -> float:
+    """Largest error of offset vectors as an edge offset, per unit of offset."""
+    along, (i, j) = _directions(mesh), mesh.edges.T
+    across = norm(cross(image[j] - image[i], along))
+    first, second = norm(cross(image[i], along)), norm(cross(image[j], along))
+    return float(np.abs(np.concatenate([across, first - 1.0, second - 1.0])).max(initial=0.0))
+
+
+def nearest_image(mesh: PolyMesh) -> Floats:
+    """Vectors s that come nearest to edges parallel to the mesh's and touching the sphere.
+
+    Least squares over all edges, by Gauss and Newton, from the cones through the edges of interior
+    vertices and the normals at the rim. Shape (V, 3).
+    """
+    short = np.flatnonzero(mesh.edge_lengths <= TINY)
+    if len(short):
+        a, b = mesh.edges[short[0]]
+        raise MeshError(
+            f"Edges must have a direction; edge {a}-{b} has length 0 ({len(short)} such edges). "
+            f"Merge its ends."
+        )
+    start, best, least = _start(mesh), np.empty((0, 3)), np.inf
+    for swell in _swells(mesh):
+        image = _fitted(mesh, start + swell * (mesh.vertices - mesh.vertices.mean(axis=0)))
+        error = image_error(mesh, image) + (np.inf if _collapsed(mesh, image) else 0.0)
+        if error < least or not len(best):
+            best, least = image, error
+        if least < EXACT:
+            break
+    return best
+
+
+def _swells(mesh: PolyMesh) -> list[float]:
+    """Shares of the mesh to add to the start: without interior vertices it has no width."""
+    if not mesh.topology.is_boundary_vertex.all():
+        return [0.0]
+    normals, (i, j) = mesh.vertex_normals, mesh.edges.T
+    turn = float(norm(normals[j] - normals[i]).mean())
+    share = max(turn, 0.1) / mesh.mean_edge_length
+    return [0.0, share, -share]
+
+
+def _collapsed(mesh: PolyMesh, image: Floats) -> bool:
+    """Whether an edge of the image is as good as a point: a translation has only such edges."""
+    i, j = mesh.edges.T
+    return bool(norm(image[j] - image[i]).min() <= COLLAPSED)
+
+
+def _fitted(mesh: PolyMesh, image: Floats) -> Floats:
+    """Least-squares image near a start, by Gauss and Newton."""
+    columns = (3 * mesh.edges[:, :, None] + np.arange(3)).reshape(-1, 6)
+    pattern = _pattern(columns, image.size)
+    residual, damping = _residual(mesh, image), DAMPING
+    for _ in range(MOST_STEPS):
+        slopes = _slopes(mesh, image)
+        rhs = -np.bincount(
+            columns.ravel(), np.einsum("era,er->ea", slopes, residual).ravel(), image.size
+        )
+        local = np.einsum("era,erb->eab", slopes, slopes).ravel()
+        step = pattern.factor(
+            pattern.values(np.concatenate([local, np.full(image.size, damping)]))
+        ).solve(np.asarray(rhs, dtype=np.float64))
+        moved = image + step.reshape(-1, 3)
+        found = _residual(mesh, moved)
+        if (found**2).sum() < (residual**2).sum():
+            image, residual, damping = moved, found, max(0.1 * damping, 1e-14)
+        elif damping > 1e3 or norm(step) <= 1e-14 * norm(image.ravel()):
+            break
+        else:
+            damping *= 100.0
+        if norm(step) <= ENOUGH * norm(image.ravel()):
+            break
+    return image
+
+
+def _start(mesh: PolyMesh) -> Floats:
+    """Cones through the edges inside, carried on to the rim with the edges' factors, (V, 3)."""
+    normals, (i, j) = mesh.vertex_normals, mesh.edges.T
+    # Elsewhere the normals, long enough for edges of their length to touch the sphere.
+    size = len(normals)
+    turn = norm(normals[j] - normals[i])
+    sums = np.bincount(i, turn, size) + np.bincount(j, turn, size)
+    reach = 0.5 * sums / np.maximum(mesh.topology.valence, 1)
+    image = normals * np.sqrt(1.0 + reach**2)[:, None]
+    cones = edge_cones(mesh)
+    image[cones.vertices] = cones.vectors
+    known = np.zeros(size, dtype=np.bool_)
+    known[cones.vertices] = True
+    triples = mesh.topology.straight_triples
+    triples = np.concatenate([triples, triples[:, ::-1]])
+    # Twice: the corners of a grid follow from its rim.
+    for _ in range(2):
+        a, b, c = triples[known[triples[:, :2]].all(axis=1) & ~known[triples[:, 2]]].T
+        factor = _factors(mesh, image, a, b)
+        straight = np.isin(np.arange(size), c)
+        both = np.concatenate([mesh.edges, mesh.edges[:, ::-1]])
+        near, far = both[known[both[:, 0]] & ~known[both[:, 1]] & ~straight[both[:, 1]]].T
+        factor = np.concatenate([factor, _factors(mesh, image, near, far)])
+        ends, places = _carried(
+            mesh, image, np.concatenate([b, near]), np.concatenate([c, far]), factor
+        )
+        total, count = np.zeros((size, 3)), np.bincount(ends, minlength=size)
+        np.add.at(total, ends, places)
+        image[count > 0] = total[count > 0] / count[count > 0, None]
+        known |= count > 0
+    return image
+
+
+def _factors(mesh: PolyMesh, image: Floats, a: Indices, b: Indices) -> Floats:
+    """Length of the image's steps from a to b over the mesh's, signed."""
+    step = mesh.vertices[b] - mesh.vertices[a]
+    return np.asarray(dot(image[b] - image[a], step) / dot(step, step))
+
+
+def _carried(
+    mesh: PolyMesh, image: Floats, near: Indices, far: Indices, factor: Floats
+) -> tuple[Indices, Floats]:
+    """Vertices next to known ones, and where the image may have them.
+
+    Along the edge from b to c the image goes to s_b + f (c - b), until another edge at c touches
+    the sphere. Of the two such f the one nearer in ratio to the expected factor is taken: the
+    other is often 0, a collapsed edge.
+    """
+    tails, heads = np.concatenate([mesh.edges, mesh.edges[:, ::-1]]).T
+    heads = heads[np.argsort(tails, kind="stable")]
+    first = np.concatenate([[0], np.cumsum(mesh.topology.valence)])
+    count = mesh.topology.valence[far]
+    row = np.repeat(np.arange(len(far)), count)
+    other = heads[
+        first[far][row] + np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    ]
+    row, other = row[other != near[row]], other[other != near[row]]
+    points, b, c = mesh.vertices, near[row], far[row]
+    step, side = points[c] - points[b], unit(points[other] - points[c])
+    start, along = cross(image[b], side), cross(step, side)
+    square = np.maximum(dot(along, along), TINY)
+    middle = -dot(start, along) / square
+    half = np.sqrt(np.maximum(middle**2 - (dot(start, start) - 1.0) / square, 0.0))
+    roots = np.stack([middle - half, middle + half])
+    ratio = roots / np.where(factor == 0.0, 1.0, factor)[row]
+    likeness = np.minimum(ratio, 1.0 / np.where(ratio == 0.0, np.inf, ratio))
+    best = np.take_along_axis(roots, likeness.argmax(axis=0)[None], axis=0)[0]
+    return c, image[b] + best[:, None] * step
+
+
+def _directions(mesh: PolyMesh) -> Floats:
+    """Unit vectors of the edges, (E, 3)."""
+    return np.asarray(mesh.edge_vectors / mesh.edge_lengths[:, None])
+
+
+def _pattern(columns: Indices, size: int) -> SymmetricPattern:
+    """Pattern of the normal equations of elements with these columns, and the diagonal."""
+    rows, k, diagonal = columns, columns.shape[1], np.arange(size)
+    return SymmetricPattern(
+        np.concatenate([np.repeat(rows, k, axis=1).ravel(), diagonal]),
+        np.concatenate([np.tile(rows, (1, k)).ravel(), diagonal]),
+        size,
+    )
+
+
+def _residual(mesh: PolyMesh, image: Floats) -> Floats:
+    """Moves across the edge, then the errors of distance at both ends, (E, 5)."""
+    along, (i, j) = _directions(mesh), mesh.edges.T
+    across = cross(along, image[j] - image[i])
+    first, second = norm(cross(image[i], along)), norm(cross(image[j], along))
+    return np.column_stack([across, first - 1.0, second - 1.0])
+
+
+def _slopes(mesh: PolyMesh, image: Floats) -> Floats:
+    """Derivatives of the residuals by both ends, (E, 5, 6)."""
+    along, ends = _directions(mesh), mesh.edges
+    slopes = np.zeros((len(ends), 5, 6))
+    # u x s as a matrix on s.
+    x, y, z = along.T
+    zero = np.zeros(len(ends))
+    turned = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    slopes[:, :3, :3], slopes[:, :3, 3:] = -turned, turned
+    for k in (0, 1):
+        point = image[ends[:, k]]
+        away = point - dot(point, along)[:, None] * along
+        slopes[:, 3 + k, 3 * k : 3 * k + 3] = away / np.maximum(norm(away), TINY)[:, None]
+    return slopes
+
+
+def _free_dimensions(mesh: PolyMesh, image: Floats) -> int | None:
+    """Dimension of the solutions of the linearised equations at an image."""
+    if image.size > DENSE:
+        return None
+    slopes, columns = _slopes(mesh, image), 3 * mesh.edges[:, :, None] + np.arange(3)
+    matrix = np.zeros((len(slopes), 5, image.size))
+    np.put_along_axis(matrix, columns.reshape(-1, 1, 6), slopes, axis=2)
+    rows = matrix.reshape(-1, image.size)
+    values = np.linalg.eigvalsh(rows.T @ rows)
+    return int((values <= RANK_TOLERANCE**2 * values[-1]).sum())
