@@ -15,7 +15,7 @@ from pqmesh.errors import MeshError
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.transform.conical import CYLINDER, ConeImages, LaguerreImage, laguerre_image
 from pqmesh.transform.json_text import numbers, table_from_json
-from pqmesh.transform.lie import IMPROPER_POINT, LORENTZ, LieTransform, checked_matrix
+from pqmesh.transform.lie import IMPROPER_POINT, LORENTZ, LieTransform, checked_matrix, trusted
 from pqmesh.transform.lie import lorentz_product as product
 from pqmesh.vectors import Floats, cross, read_only
 
@@ -164,13 +164,15 @@ class LaguerreTransform:
     def __matmul__(self, other: LaguerreTransform) -> Self:
         """First `other`, then this one."""
         shift = self.scale * (self.matrix @ other.translation) + self.translation
-        return type(self)(self.matrix @ other.matrix, shift, self.scale * other.scale)
+        matrix, scale = self.matrix @ other.matrix, self.scale * other.scale
+        return trusted(type(self), matrix=matrix, translation=shift, scale=scale)
 
     @cached_property
     def inverse(self) -> Self:
         """The transformation that undoes this one: T becomes J T' J."""
         back = LORENTZ @ self.matrix.T @ LORENTZ
-        return type(self)(back, -(back @ self.translation) / self.scale, 1.0 / self.scale)
+        shift = -(back @ self.translation) / self.scale
+        return trusted(type(self), matrix=back, translation=shift, scale=1.0 / self.scale)
 
     @property
     def rapidity(self) -> float:
@@ -192,7 +194,7 @@ class LaguerreTransform:
         change, back = np.eye(6), np.eye(6)
         change[:2, :2] = [[1.0, 1.0], [1.0, -1.0]]
         back[:2, :2] = 0.5 * change[:2, :2]
-        return LieTransform(back @ inner @ change)
+        return trusted(LieTransform, matrix=back @ inner @ change)
 
     @classmethod
     def of_lie(cls, transform: LieTransform) -> Self:
@@ -212,7 +214,7 @@ class LaguerreTransform:
         scale = float(transform.matrix[0] @ IMPROPER_POINT)
         matrix = transform.matrix * np.sign(scale)
         start = abs(scale) * 0.5 * (matrix[:, 0] + matrix[:, 1])
-        return cls(matrix[2:, 2:], start[2:], abs(scale))
+        return trusted(cls, matrix=matrix[2:, 2:], translation=start[2:], scale=abs(scale))
 
     # --- what it does -----------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,8 @@ from scipy.linalg import expm
 
 from pqmesh.errors import MeshError
 from pqmesh.vectors import Floats, Mask, read_only
+
+T = TypeVar("T")
 
 # Scalar products of signature (4, 2) on Lie coordinates and (3, 1) on spheres (p, r).
 LIE = read_only(np.diag([-1.0, 1.0, 1.0, 1.0, 1.0, -1.0]))
@@ -225,12 +227,12 @@ class LieTransform:
 
     def __matmul__(self, other: LieTransform) -> Self:
         """First `other`, then this one."""
-        return type(self)(self.matrix @ other.matrix)
+        return trusted(type(self), matrix=self.matrix @ other.matrix)
 
     @cached_property
     def inverse(self) -> Self:
         """The transformation that undoes this one: L A' L."""
-        return type(self)(LIE @ self.matrix.T @ LIE)
+        return trusted(type(self), matrix=LIE @ self.matrix.T @ LIE)
 
     def on(self, coordinates: Floats) -> Floats:
         """Images of Lie coordinates, shape (N, 6), not rescaled."""
@@ -257,6 +259,18 @@ class LieTransform:
     def _slack(self) -> float:
         """Rounding that a chain of products may have left."""
         return 1e3 * GROUP_TOLERANCE * float(np.abs(self.matrix).max()) ** 2
+
+
+def trusted(kind: type[T], **values: Any) -> T:
+    """A value of the group from others of it, without the check at the door.
+
+    A product carries the rounding of its factors, which may be larger than it is itself.
+    """
+    made = object.__new__(kind)
+    for name, value in values.items():
+        kept = read_only(value) if isinstance(value, np.ndarray) else value
+        object.__setattr__(made, name, kept)
+    return made
 
 
 def checked_matrix(matrix: ArrayLike, metric: Floats, name: str) -> Floats:
