@@ -68,7 +68,9 @@ class LaguerreImage:
     warnings: tuple[str, ...]
 
 
-def laguerre_image(transform: LaguerreTransform, mesh: QuadMesh) -> LaguerreImage:
+def laguerre_image(
+    transform: LaguerreTransform, mesh: QuadMesh, vectors: Floats | None = None
+) -> LaguerreImage:
     """Image of a conical mesh under a Laguerre transformation: conical again.
 
     Each vertex v is the apex of its cone, the line of spheres (v, 0) + t (w, 1) with n . w = 1,
@@ -80,6 +82,9 @@ def laguerre_image(transform: LaguerreTransform, mesh: QuadMesh) -> LaguerreImag
     transform : LaguerreTransform
     mesh : QuadMesh
         Conical; elsewhere the faces of the image are planar only nearly, and a warning says so.
+    vectors : (V, 3), optional
+        w, by default those of the face offset. Those of an earlier image make a chain of images
+        that of the product: they also fix the rim, which its planes leave free.
 
     Raises
     ------
@@ -100,16 +105,16 @@ def laguerre_image(transform: LaguerreTransform, mesh: QuadMesh) -> LaguerreImag
     >>> bool(planarity(image.mesh).max() < 1e-13 and fitted_cones(image.mesh).spread.max() < 1e-12)
     True
     """
-    found = face_offset_vectors(mesh)
-    cones = transform.on_cones(mesh.vertices, found.vectors)
+    if vectors is None:
+        vectors = face_offset_vectors(mesh).vectors
+    cones = transform.on_cones(mesh.vertices, vectors)
     _check_cones(cones, transform.rapidity)
     moved = mesh.with_vertices(cones.vertices)
     _check_edges(mesh, moved, transform.scale)
     orientation = _orientation(moved, transform.on_planes(face_planes(mesh)))
-    backward = np.flatnonzero(
-        _edge_growth(transform, mesh, found.vectors) * np.sign(cones.growth[0]) <= 0
-    )
-    warnings = [*_misfit_words(mesh, found.vectors, found.error), *_edge_words(mesh, backward)]
+    sense = np.sign(cones.growth[0])
+    backward = np.flatnonzero(_edge_growth(transform, mesh, vectors) * sense <= 0)
+    warnings = [*_misfit_words(mesh, vectors), *_edge_words(mesh, backward)]
     image = moved if orientation > 0 else moved.reversed()
     broken = np.setdiff1d(nonconvex_faces(image), nonconvex_faces(mesh))
     if len(broken):
@@ -225,16 +230,16 @@ def _orientation(moved: QuadMesh, planes: Floats) -> int:
     )
 
 
-def _misfit_words(mesh: QuadMesh, vectors: Floats, error: float) -> list[str]:
+def _misfit_words(mesh: QuadMesh, vectors: Floats) -> list[str]:
     """Warning about an input that is not quite conical."""
-    if error <= MISFIT:
-        return []
     corners = mesh.topology.indices
     fit = dot(mesh.face_normals[mesh.topology.corner_faces], vectors[corners])
-    worst = corners[np.abs(fit - 1.0).argmax()]
+    misfit = np.abs(fit - 1.0)
+    if misfit.max() <= MISFIT:
+        return []
     return [
-        f"the mesh is conical only to {error:.2g} (n . w - 1), worst at vertex {worst}: faces of "
-        f"the image are planar only nearly"
+        f"the mesh is conical only to {misfit.max():.2g} (n . w - 1), worst at vertex "
+        f"{corners[misfit.argmax()]}: faces of the image are planar only nearly"
     ]
 
 

@@ -249,9 +249,9 @@ class LaguerreTransform:
         turned = along[:, :3] / np.where(is_cone, growth, np.nan)[:, None]
         return ConeImages(start[:, :3] - start[:, 3:] * turned, turned, growth)
 
-    def of_mesh(self, mesh: QuadMesh) -> LaguerreImage:
+    def of_mesh(self, mesh: QuadMesh, vectors: Floats | None = None) -> LaguerreImage:
         """Image of a conical mesh, and of its vectors w; see `conical.laguerre_image`."""
-        return laguerre_image(self, mesh)
+        return laguerre_image(self, mesh, vectors)
 
     # --- text -------------------------------------------------------------------------------
 

@@ -182,7 +182,7 @@ def tangential_distance(spheres: Floats, others: Floats) -> Floats:
     gap = spheres - others
     square = lorentz_product(gap, gap)
     # Rounding of the difference must not turn spheres in contact into ones without a plane.
-    slack = 1e-14 * np.einsum("...i,...i->...", spheres, spheres)
+    slack = 1e-14 * sum(np.einsum("...i,...i->...", rows, rows) for rows in (spheres, others))
     return np.where(square >= -slack, np.sqrt(np.maximum(square, 0.0)), np.nan)
 
 
