@@ -9,7 +9,6 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import expm
 
 from pqmesh.errors import MeshError
 from pqmesh.mesh.quadmesh import QuadMesh
@@ -17,7 +16,8 @@ from pqmesh.transform.conical import CYLINDER, ConeImages, LaguerreImage, laguer
 from pqmesh.transform.json_text import numbers, table_from_json
 from pqmesh.transform.lie import IMPROPER_POINT, LORENTZ, LieTransform, checked_matrix, trusted
 from pqmesh.transform.lie import lorentz_product as product
-from pqmesh.vectors import Floats, cross, read_only
+from pqmesh.transform.lorentz import boost_matrix, rotation_matrix
+from pqmesh.vectors import Floats, read_only
 
 _KEYS = {
     "matrix": "a Lorentz matrix, 4 x 4 numbers",
@@ -93,7 +93,7 @@ class LaguerreTransform:
         """Rotation about an axis (3,) through the origin, by the right-hand rule, radians."""
         a = _direction(axis)
         matrix = np.eye(4)
-        matrix[:3, :3] = expm(angle * np.stack([cross(e, a) for e in np.eye(3)]))
+        matrix[:3, :3] = rotation_matrix(angle * a)
         return cls(matrix)
 
     @classmethod
@@ -114,10 +114,7 @@ class LaguerreTransform:
                 f"The rapidity of a boost must be a number below 300; found {rapidity!r}. Use "
                 f"values of about 1."
             )
-        matrix = np.eye(4)
-        matrix[:3, :3] += (np.cosh(rapidity) - 1.0) * np.outer(b, b)
-        matrix[:3, 3] = matrix[3, :3] = np.sinh(rapidity) * b
-        matrix[3, 3] = np.cosh(rapidity)
+        matrix = boost_matrix(rapidity * b)
         fixed = np.append(_finite(center, 3, "The center"), 0.0)
         return cls(matrix, fixed - matrix @ fixed)
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import expm
 from scipy.optimize import least_squares
 
 from pqmesh.errors import MeshError
@@ -16,6 +15,7 @@ from pqmesh.offset.vectors import face_offset_vectors
 from pqmesh.surface.reference import Reference
 from pqmesh.transform.conical import LaguerreImage, laguerre_image, rapidity_range
 from pqmesh.transform.laguerre import LaguerreTransform
+from pqmesh.transform.lorentz import boost_matrix, rotation_matrix
 from pqmesh.vectors import Floats, dot, norm
 
 # Directions of the Lie algebra: 3 rotations, 3 boosts, 3 translations, an offset, a scaling.
@@ -32,6 +32,10 @@ HOLD, SOFTER = 0.2, 0.7
 SETTLED, NOTHING = 1e-10, 1e-28
 # Two starts whose deviations differ by less than this share are equally good: the first counts.
 SAME = 1e-6
+# Relative changes that end a fit.
+END = 1e-14
+# Step of the derivatives; the model has size 1.
+DIFFERENCE = 1e-7
 # c' is held above this share of its start, so that no trial divides by nothing.
 LEAST_GROWTH = 1e-3
 
@@ -87,7 +91,7 @@ def nearest_image(
     """Laguerre image of a conical mesh with its vertices nearest to a target, by least squares.
 
     The transformation is a similarity, a boost, an offset and a motion, 11 parameters:
-    exp(rotation and boost), translation and offset, exp(scale), about the middle of the mesh.
+    exp(rotation) exp(boost), translation and offset, exp(scale), about the middle of the mesh.
     Levenberg-Marquardt from seven fixed starts, the best one wins: the same input gives the same
     answer. Towards a surface the scale stays (a mesh shrunk to a point would be nearest), and
     each round fits the tangent planes at the closest points. What the group cannot do stays as
@@ -154,13 +158,11 @@ def _model(mesh: QuadMesh) -> _Model:
 
 
 def _parts(x: Floats) -> tuple[Floats, Floats, float]:
-    """Lorentz matrix, translation and scale of 10 or 11 parameters, for the model."""
-    algebra = np.zeros((4, 4))
-    algebra[[2, 0, 1], [1, 2, 0]] = x[:3]
-    algebra[[1, 2, 0], [2, 0, 1]] = -x[:3]
-    algebra[:3, 3] = algebra[3, :3] = x[3:6]
+    """Lorentz matrix exp(rotation) exp(boost), translation and scale, for the model."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation_matrix(x[:3])
     scale = float(np.exp(x[10])) if len(x) == N_PARAMETERS else 1.0
-    return np.asarray(expm(algebra)), x[6:10], scale
+    return matrix @ boost_matrix(x[3:6]), x[6:10], scale
 
 
 def _vertices(model: _Model, x: Floats) -> Floats:
@@ -197,14 +199,14 @@ def _starts(mesh: QuadMesh, model: _Model) -> list[Floats]:
 
 def _fitted(residuals: Callable[[Floats], Floats], start: Floats, most_steps: int) -> Any:
     """Least squares by Levenberg and Marquardt; SciPy's result."""
+
+    def jacobian(x: Floats) -> Floats:
+        here = residuals(x)
+        steps = np.eye(len(x)) * DIFFERENCE
+        return np.stack([(residuals(x + step) - here) / DIFFERENCE for step in steps], axis=1)
+
     return least_squares(
-        residuals,
-        start,
-        method="lm",
-        xtol=1e-14,
-        ftol=1e-14,
-        gtol=1e-14,
-        max_nfev=most_steps * (len(start) + 1),
+        residuals, start, jacobian, method="lm", xtol=END, ftol=END, gtol=END, max_nfev=most_steps
     )
 
 
@@ -241,10 +243,12 @@ def _surface_fits(
 
 def _finished(model: _Model, reference: Reference, fit: _Fit) -> _Fit:
     """A fit to the surface itself, where its tangent planes lead no nearer (kinks, rims)."""
+    points = model.size * _vertices(model, fit.x) + model.middle
+    _, _, near = reference.closest(points)
 
     def residuals(x: Floats) -> Floats:
         points = model.size * _vertices(model, x) + model.middle
-        return np.asarray((points - reference.closest(points)[0]).ravel() / model.size)
+        return np.asarray((points - near.closest(points)[0]).ravel() / model.size)
 
     found = _fitted(residuals, fit.x, FINISH)
     return _Fit(fit.start, np.asarray(found.x), float(found.cost), bool(found.status > 0))
