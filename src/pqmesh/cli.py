@@ -25,6 +25,7 @@ from pqmesh.cli_typed import (
     lengths,
     pairs,
     put,
+    transform_of,
 )
 from pqmesh.errors import MeshError, PqmeshError, SpecError
 
@@ -72,6 +73,14 @@ class Network(StrEnum):
     uv = "uv"
     geodesic = "geodesic"
     conjugate = "conjugate"
+
+
+class Offset(StrEnum):
+    """What keeps its distance in an offset."""
+
+    vertex = "vertex"
+    edge = "edge"
+    face = "face"
 
 
 def _version(wanted: bool) -> None:
@@ -308,6 +317,106 @@ def optimize(
 
 
 @app.command()
+def offset(
+    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="Quad mesh: obj, off, ply.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Mesh file to write.")],
+    distance: Annotated[float, typer.Option(help="Signed distance, along the face normals.")],
+    kind: Annotated[Offset, typer.Option(help="What keeps its distance.")] = Offset.face,
+    report: Annotated[Path | None, typer.Option(help="Report file to write, JSON.")] = None,
+) -> None:
+    """Offset a mesh at a constant distance of its vertices, edges or faces."""
+    from pqmesh.moves import offset_mesh
+
+    _check_outputs(output, report)
+    start = _read_to_move(mesh)
+    moved, found = offset_mesh(start, kind.value, distance, source=mesh.name)
+    raise typer.Exit(_write_moved(moved, found, output, report))
+
+
+@app.command()
+def transform(
+    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="Quad mesh: obj, off, ply.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Mesh file to write.")],
+    offset: Annotated[
+        float | None, typer.Option(help="Laguerre: faces move along their normals.")
+    ] = None,
+    boost: Annotated[
+        str | None, typer.Option(help="Laguerre: a boost.", metavar="X,Y,Z,RAPIDITY")
+    ] = None,
+    center: Annotated[
+        str | None, typer.Option(help="Point of the boost; the origin.", metavar="X,Y,Z")
+    ] = None,
+    laguerre: Annotated[
+        Path | None, typer.Option(help="Laguerre: matrix, translation, scale.", metavar="FILE.json")
+    ] = None,
+    invert: Annotated[
+        str | None, typer.Option(help="Moebius: an inversion.", metavar="X,Y,Z,R")
+    ] = None,
+    moebius: Annotated[
+        Path | None, typer.Option(help="Moebius: matrix or inversions.", metavar="FILE.json")
+    ] = None,
+    report: Annotated[Path | None, typer.Option(help="Report file to write, JSON.")] = None,
+) -> None:
+    """Transform a conical mesh by Laguerre or a circular one by Moebius."""
+    from pqmesh.moves import transformed_mesh
+
+    options = {
+        "--offset": offset,
+        "--boost": boost,
+        "--laguerre": laguerre,
+        "--invert": invert,
+        "--moebius": moebius,
+    }
+    wanted = transform_of(options, center)
+    _check_outputs(output, report)
+    start = _read_to_move(mesh)
+    image, found = transformed_mesh(start, wanted, source=mesh.name)
+    raise typer.Exit(_write_moved(image, found, output, report))
+
+
+def _read_to_move(path: Path) -> QuadMesh:
+    """A quad mesh that can be offset or transformed."""
+    from pqmesh.io.formats import read_quad_mesh
+
+    mesh = read_quad_mesh(path)
+    _check_shape(mesh, path.name, edges=True)
+    return mesh
+
+
+def _check_outputs(output: Path, report: Path | None) -> None:
+    """Refuse outputs that cannot be written, before the work."""
+    from pqmesh.io.formats import MESH_FORMATS
+    from pqmesh.results import check_file
+
+    check_file(output, list(MESH_FORMATS))
+    if report is not None:
+        check_file(report, [".json"])
+
+
+def _write_moved(moved: QuadMesh, found: dict[str, Any], output: Path, report: Path | None) -> int:
+    """Write a moved mesh and its report, say what was reached, and give the exit code."""
+    from pqmesh.io.formats import MESH_FORMATS
+    from pqmesh.report import failed
+    from pqmesh.results import json_bytes, write_files
+
+    files = {output: MESH_FORMATS[output.suffix.lower()].bytes_from_mesh(moved)}
+    if report is not None:
+        files[report] = json_bytes(found)
+    write_files(files)
+    after = found["after"]
+    say(
+        f"{found['kind']}: planarity {after['planarity_max']:.2e}, cone spread "
+        f"{after['cone_spread_max'] or 0.0:.2e}, edges {after['edge_min']:.4g} to "
+        f"{after['edge_max']:.4g}; written to {output}"
+    )
+    for text in found["warnings"]:
+        say(f"note: {text}")
+    for row in failed(found):
+        say(f"not reached: {row['key']} {row['reached']:.3g}, asked {row['asked']:.3g}")
+    return NOT_REACHED if failed(found) else OK
+
+
+@app.command()
 def check(
     mesh: Annotated[Path, typer.Argument(metavar="MESH", help="Quad mesh: obj, off, ply.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on standard output.")] = False,
@@ -369,7 +478,7 @@ def _check_shape(mesh: QuadMesh, name: str, *, edges: bool) -> None:
     if edges and not mesh.edge_lengths.min() > 0:
         a, b = mesh.edges[mesh.edge_lengths.argmin()]
         raise MeshError(
-            f"{name}: the edges of a mesh to optimise must have length; edge {a}-{b} has none. "
+            f"{name}: the edges of the mesh must have length; edge {a}-{b} has none. "
             f"Merge its ends, or move one. (Vertices count from 0 here.)"
         )
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pqmesh.errors import FormatError, SpecError
+from pqmesh.errors import FormatError, PqmeshError, SpecError
 
 if TYPE_CHECKING:
     from pqmesh.design_text import DesignText
+    from pqmesh.transform.laguerre import LaguerreTransform
+    from pqmesh.transform.moebius import MoebiusTransform
 
 # What `panelize` takes beside designs; the readers stand in source_faces.
 SURFACE_SUFFIXES = (".3dm", ".json")
@@ -104,6 +107,66 @@ def pairs(texts: list[str] | None) -> Iterator[tuple[str, float | str]]:
                 f"A tolerance must be KEY=VALUE; found {text!r}. Write --tolerance flat=0.1mm, say."
             )
         yield key.strip(), number_or_text(value)
+
+
+def numbers_of(flag: str, form: str, text: str) -> list[float]:
+    """The finite numbers between commas, as many as a form like X,Y,Z names."""
+    count = form.count(",") + 1
+    values = [number_or_text(part) for part in text.split(",")]
+    numbers = [value for value in values if isinstance(value, float) and math.isfinite(value)]
+    if len(values) != count or len(numbers) != count:
+        raise SpecError(
+            f"{flag} must be {form}, {count} finite numbers; found {text[:80]!r}. Write them with "
+            f"commas and without units."
+        )
+    return numbers
+
+
+def transform_of(
+    options: dict[str, Any], center: str | None
+) -> LaguerreTransform | MoebiusTransform:
+    """The transformation that exactly one option names."""
+    from pqmesh.transform.laguerre import LaguerreTransform
+    from pqmesh.transform.moebius import MoebiusTransform
+
+    given = [flag for flag, value in options.items() if value is not None]
+    if len(given) != 1:
+        raise SpecError(
+            f"Exactly one of {', '.join(options)} must be given; found "
+            f"{' and '.join(given) or 'none'}. Chain several in one file, or run one by one."
+        )
+    flag, value = given[0], options[given[0]]
+    if center is not None and flag != "--boost":
+        raise SpecError(f"--center belongs to --boost; found it with {flag}. Leave it out.")
+    if flag == "--offset":
+        return LaguerreTransform.offset(numbers_of(flag, "DISTANCE", str(value))[0])
+    if flag == "--boost":
+        *direction, rapidity = numbers_of(flag, "X,Y,Z,RAPIDITY", value)
+        point = [0.0, 0.0, 0.0] if center is None else numbers_of("--center", "X,Y,Z", center)
+        return LaguerreTransform.boost(direction, rapidity, point)
+    if flag == "--invert":
+        *middle, radius = numbers_of(flag, "X,Y,Z,R", value)
+        return MoebiusTransform.inversion(middle, radius)
+    kind = LaguerreTransform if flag == "--laguerre" else MoebiusTransform
+    return _transform_file(kind, value)
+
+
+def _transform_file(
+    kind: type[LaguerreTransform] | type[MoebiusTransform], path: Path
+) -> LaguerreTransform | MoebiusTransform:
+    """The transformation in a JSON file; errors name the file."""
+    from pqmesh.io.foreign import file_bytes, named
+
+    try:
+        text = file_bytes(path, "a transformation").decode("utf-8-sig")
+        return kind.from_json(text)
+    except UnicodeDecodeError:
+        error: PqmeshError = FormatError(
+            "A transformation must be JSON text in UTF-8; found other bytes. Export it again."
+        )
+    except PqmeshError as found:
+        error = found
+    raise named(path, error)
 
 
 def number_or_text(part: str) -> float | str:

@@ -1,0 +1,196 @@
+"""A mesh offset or transformed as a whole, and the report of what that reached."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+import pqmesh
+from pqmesh.errors import SpecError
+from pqmesh.mesh.measure import circularity_defect
+from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.offset.offsets import (
+    edge_factors,
+    face_distance,
+    parallel_error,
+    valid_range,
+    vertex_distance,
+)
+from pqmesh.offset.vectors import OffsetVectors, face_offset_vectors, vertex_offset_vectors
+from pqmesh.report import SCHEMA, all_measures, mesh_counts
+from pqmesh.transform.laguerre import LaguerreTransform
+from pqmesh.transform.moebius import MoebiusTransform
+from pqmesh.vectors import Floats, cross, norm
+
+# Error per unit distance up to which an offset is exact; and of planarity, cones and circles.
+EXACT = 1e-6
+
+
+def offset_mesh(
+    mesh: QuadMesh, kind: str, distance: float, *, source: str = ""
+) -> tuple[QuadMesh, dict[str, Any]]:
+    """Offset of a mesh at a constant signed distance of vertices, edges or faces, and its report.
+
+    Parameters
+    ----------
+    mesh : QuadMesh
+    kind : 'vertex', 'edge' or 'face'
+        What keeps its distance: exact on circular, Koebe-like and conical meshes.
+    distance : float, model unit
+        A positive one moves every face along its normal.
+    source : str
+        Name of the input.
+
+    Raises
+    ------
+    SpecError
+        When the distance is zero or no number, or this release has no edge offsets.
+
+    Examples
+    --------
+    >>> from pqmesh.mesh.solids import cube
+    >>> moved, report = offset_mesh(cube(), "face", 0.5)
+    >>> bool(np.allclose(moved.vertices, 1.5 * cube().vertices)), report["tolerance"][0]["pass"]
+    (True, True)
+    """
+    if not (np.isfinite(distance) and distance):
+        raise SpecError(
+            f"The distance of an offset must be a number other than 0; found {distance:g}. A "
+            f"positive one moves every face along its normal."
+        )
+    vectors = _vectors(mesh, kind)
+    moved = mesh.with_vertices(mesh.vertices + distance * vectors.vectors)
+    error = _distance_error(mesh, moved, kind, distance)
+    sines, outer = parallel_error(mesh, moved), mesh.topology.is_boundary_edge
+    low, high = valid_range(mesh, vectors.vectors)
+    bound = high if distance > 0 else low
+    # Vertices may keep their distance while edges turn: the gap of the vectors counts as well.
+    reached = max(error / abs(distance), vectors.error)
+    report = {
+        **_head(mesh, kind, source),
+        "distance": distance,
+        "distance_error_max": error,
+        "parallel_error_max": float(sines[~outer].max(initial=0.0)),
+        "parallel_error_boundary_max": float(sines[outer].max(initial=0.0)),
+        "first_reversed_edge_distance": float(bound) if np.isfinite(bound) else None,
+        "before": all_measures(mesh, "circular" if kind == "vertex" else "conical"),
+        "after": all_measures(moved, "circular" if kind == "vertex" else "conical"),
+        "tolerance": [_judged("offset", reached)],
+        "warnings": _offset_warnings(mesh, vectors.vectors, distance),
+    }
+    return moved, report
+
+
+def transformed_mesh(
+    mesh: QuadMesh, transform: LaguerreTransform | MoebiusTransform, *, source: str = ""
+) -> tuple[QuadMesh, dict[str, Any]]:
+    """Image of a conical mesh by Laguerre, of a circular one by Moebius, and its report.
+
+    Raises
+    ------
+    MeshError
+        Where the image is no mesh; names the vertex, edge or face.
+
+    Examples
+    --------
+    >>> from pqmesh.mesh.exact import rotational_mesh
+    >>> roof = rotational_mesh([[2.0, 0.0], [2.4, 0.5], [2.5, 1.2]], 0.3 * np.arange(5))
+    >>> image, report = transformed_mesh(roof, LaguerreTransform.boost([1, 0, 0], 0.2))
+    >>> [row["pass"] for row in report["tolerance"]]
+    [True, True]
+    """
+    if isinstance(transform, LaguerreTransform):
+        laguerre = transform.of_mesh(mesh)
+        image, kind, orientation = laguerre.mesh, "conical", laguerre.orientation
+        warnings = laguerre.warnings
+        written = {
+            "matrix": transform.matrix.tolist(),
+            "translation": transform.translation.tolist(),
+            "scale": transform.scale,
+        }
+    else:
+        moebius = transform.of_mesh(mesh)
+        image, kind, orientation = moebius.mesh, "circular", 1
+        warnings = moebius.warnings
+        written = {"matrix": transform.matrix.tolist()}
+    before, after = all_measures(mesh, kind), all_measures(image, kind)
+    asked: dict[str, float | None] = {"planar": after["planarity_max"]}
+    if kind == "conical":
+        asked["conical"] = after["cone_spread_max"]
+    else:
+        asked["circular"] = float(np.abs(circularity_defect(image)).max())
+    report = {
+        **_head(mesh, kind, source),
+        "transform": written,
+        "orientation": orientation,
+        "before": before,
+        "after": after,
+        "tolerance": [_judged(key, value) for key, value in asked.items()],
+        "warnings": list(warnings),
+    }
+    return image, report
+
+
+# --- parts ----------------------------------------------------------------------------------
+
+
+def _head(mesh: QuadMesh, kind: str, source: str) -> dict[str, Any]:
+    """Keys that open every report."""
+    return {
+        "schema": SCHEMA,
+        "version": pqmesh.__version__,
+        "units": "",
+        "kind": kind,
+        "input": source,
+        "mesh": mesh_counts(mesh),
+    }
+
+
+def _vectors(mesh: QuadMesh, kind: str) -> OffsetVectors:
+    """Offset vectors of a kind."""
+    if kind == "face":
+        return face_offset_vectors(mesh)
+    if kind == "vertex":
+        return vertex_offset_vectors(mesh)
+    try:
+        module = import_module("pqmesh.koebe.edge_offset")
+    except ModuleNotFoundError:
+        raise SpecError(
+            "An edge offset needs the part pqmesh.koebe; it is not in this release. Use --kind "
+            "face on a conical mesh or --kind vertex on a circular one."
+        ) from None
+    found: OffsetVectors = module.edge_offset_vectors(mesh)
+    return found
+
+
+def _distance_error(mesh: QuadMesh, moved: QuadMesh, kind: str, distance: float) -> float:
+    """Largest deviation from the distance, model unit."""
+    if kind == "face":
+        gaps = face_distance(mesh, moved) - distance
+    elif kind == "vertex":
+        gaps = vertex_distance(mesh, moved) - abs(distance)
+    else:
+        along = mesh.edge_vectors / mesh.edge_lengths[:, None]
+        steps = (moved.vertices - mesh.vertices)[mesh.edges[:, 0]]
+        gaps = norm(cross(steps, along)) - abs(distance)
+    return float(np.abs(gaps).max())
+
+
+def _judged(key: str, reached: float | None) -> dict[str, Any]:
+    """A row of the tolerances; nothing is judged of what does not exist."""
+    passed = None if reached is None else bool(reached <= EXACT)
+    return {"key": key, "asked": EXACT, "reached": reached, "pass": passed}
+
+
+def _offset_warnings(mesh: QuadMesh, vectors: Floats, distance: float) -> list[str]:
+    """Edges that have turned back at a distance."""
+    turned = np.flatnonzero(1.0 + distance * edge_factors(mesh, vectors) <= 0)
+    if not len(turned):
+        return []
+    a, b = mesh.edges[turned[0]]
+    return [
+        f"{len(turned)} of {len(mesh.edges)} edges run backwards, the first is edge {a}-{b}: the "
+        f"offset lies beyond its focal set"
+    ]

@@ -1,0 +1,1 @@
+"""Transformations: of spheres, planes, cones and whole conical or circular meshes."""
