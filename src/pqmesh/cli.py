@@ -19,6 +19,7 @@ from pqmesh.cli_said import Session, progress, roof_summary, say
 from pqmesh.cli_typed import (
     SURFACE_SUFFIXES,
     design_text,
+    drop,
     edge_of,
     file_and_name,
     length,
@@ -153,7 +154,9 @@ def panelize(
     allow_many: Annotated[
         bool, typer.Option("--allow-many", help="More than a million panels are meant.")
     ] = False,
-    figures: Annotated[bool, typer.Option(help="Draw the pictures.")] = True,
+    figures: Annotated[
+        bool | None, typer.Option("--figures/--no-figures", help="Draw the pictures; by default.")
+    ] = None,
 ) -> None:
     """Surface to panels: network, mesh, optimisation, layers, support structure, report."""
     began = time.perf_counter()
@@ -178,7 +181,10 @@ def panelize(
         **{f"--tolerance {key}": (("tolerance", key), value) for key, value in pairs(tolerance)},
         "--seed": (("run", "seed"), seed),
         "--allow-many": (("run", "most_panels"), 10**12 if allow_many else None),
+        "--figures": (("output", "figures"), figures),
     }
+    if direction_deg is not None and curves is None:
+        drop(text.tables, ("panels", "curves"), ("file", "select", "points"))
     given = {flag: option for flag, option in options.items() if option[1] is not None}
     for path, value in given.values():
         put(text.tables, path, value)
@@ -192,11 +198,11 @@ def panelize(
     if given:
         where = where._replace(name=f"{where.name} with {', '.join(given)}")
     design = Design.of(text.tables, where)
-    raise typer.Exit(_panelize(design, text.folder, source.name, output, flip, figures, began))
+    raise typer.Exit(_panelize(design, text.folder, source.name, output, flip, began))
 
 
 def _panelize(
-    design: Design, folder: Path, name: str, output: Path, flip: bool, figures: bool, began: float
+    design: Design, folder: Path, name: str, output: Path, flip: bool, began: float
 ) -> int:
     """The job itself, behind the options: its exit code."""
     from pqmesh.results import part_folders, write_index
@@ -205,16 +211,16 @@ def _panelize(
     sources = opened(design, folder)
     spent = time.perf_counter() - began
     if len(sources) == 1:
-        return _written(_roof(sources[0], name, flip=flip, figures=figures), output, spent)
+        return _written(_roof(sources[0], name, flip=flip), output, spent)
     folders = part_folders(output, [source.name for source in sources])
     # All parts before any file: bad input leaves nothing behind.
-    roofs = [_roof(source, name, flip=flip, figures=figures) for source in sources]
+    roofs = [_roof(source, name, flip=flip) for source in sources]
     codes = [_written(roof, place, spent) for roof, place in zip(roofs, folders, strict=True)]
     write_index(output, sources, folders, codes)
     return max(codes)
 
 
-def _roof(source: Source, name: str, *, flip: bool, figures: bool) -> Roof:
+def _roof(source: Source, name: str, *, flip: bool) -> Roof:
     """One surface panelled, and its report."""
     from pqmesh.job import panelize as run
     from pqmesh.report import panelization_report
@@ -228,7 +234,7 @@ def _roof(source: Source, name: str, *, flip: bool, figures: bool) -> Roof:
         report = panelization_report(
             result, source=name, design=source.design, origin=source.origin, notes=source.notes
         )
-    wanted = figures and source.design.output.figures
+    wanted = source.design.output.figures
     if wanted and not figures_available():
         wanted = False
         report["warnings"].append("no pictures: install the extra 'viz' for them")

@@ -54,6 +54,16 @@ def put(table: dict[str, Any], path: tuple[str, ...], value: Any) -> None:
     table[path[-1]] = value.value if isinstance(value, StrEnum) else value
 
 
+def drop(table: dict[str, Any], path: tuple[str, ...], keys: tuple[str, ...]) -> None:
+    """Take keys out of a section that an option replaces."""
+    for step in path:
+        table = table.get(step, {})
+        if not isinstance(table, dict):
+            return
+    for key in keys:
+        table.pop(key, None)
+
+
 def file_and_name(text: str | None, folder: Path) -> dict[str, str] | None:
     """Keys of FILE[:NAME]; the whole text is the file where such a file exists.
 

@@ -421,3 +421,26 @@ def test_continuation_that_is_not_regular_names_its_key(refused: Refused, tmp_pa
     line = refused("panelize", "vault.toml", "--extend", "6", "-o", "out")
     assert "surface.extend = 6" in line
     assert "z is nan at x = -13" in line
+
+
+# --- options win over the file --------------------------------------------------------------
+
+
+def test_direction_typed_wins_over_curves_of_the_design(pqmesh: Command, tmp_path: Path) -> None:
+    (tmp_path / "saddle.toml").write_text(
+        '[surface]\ngraph = {z = "x*y/10", x = [-5, 5], y = [-5, 5]}\n[panels]\nedge = 1\n'
+        'network = "conjugate"\ncurves = {points = [[[-4, -4], [4, 0]]]}\n'
+    )
+    done = pqmesh("panelize", "saddle.toml", "--direction-deg", "45", "--no-figures", "-o", "out")
+    assert done.code == 0, done.err
+    assert report_of(tmp_path / "out")["design"]["panels"]["curves"] == {"direction_deg": 45.0}
+
+
+def test_pictures_typed_win_over_the_design_and_the_report_says_so(
+    pqmesh: Command, tmp_path: Path
+) -> None:
+    (tmp_path / "vault.toml").write_text(VAULT)
+    for option, wanted in (("--figures", True), ("--no-figures", False)):
+        assert pqmesh("panelize", "vault.toml", option, "-o", "out").code == 0
+        assert report_of(tmp_path / "out")["design"]["output"]["figures"] is wanted
+        assert (tmp_path / "out" / "figures").exists() is wanted

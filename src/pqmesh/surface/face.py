@@ -90,6 +90,8 @@ def _bounds(domain: Domain) -> Floats:
 
 # Points times edges handled at once.
 _BLOCK = 1_000_000
+# Rings of up to so many sides are compared side by side, longer ones by those that are near.
+SHORT = 64
 
 
 def even_odd(ring: Floats, points: Floats) -> Mask:
@@ -97,6 +99,11 @@ def even_odd(ring: Floats, points: Floats) -> Mask:
     x0, y0 = ring.T
     x1, y1 = np.roll(ring, -1, axis=0).T
     level = np.where(y1 == y0, 1.0, y1 - y0)
+    if len(ring) <= SHORT and len(ring) * len(points) <= _BLOCK:
+        x, y = points[:, :1], points[:, 1:2]
+        crosses = (y >= np.minimum(y0, y1)) & (y < np.maximum(y0, y1))
+        crosses &= x < x0 + (y - y0) * (x1 - x0) / level
+        return np.asarray(crosses.sum(axis=1) % 2 == 1)
     # Points from below to above: those on the levels of a side are neighbours in this order.
     order = np.argsort(points[:, 1], kind="stable")
     heights = points[order, 1]
@@ -129,24 +136,35 @@ def ring_distance(ring: Floats, points: Floats) -> Floats:
     along = np.roll(ring, -1, axis=0) - ring
     square = np.maximum((along**2).sum(axis=1), TINY)
     best = np.full(len(points), np.inf)
+    if len(ring) <= SHORT:
+        step = _BLOCK // len(ring)
+        for first in range(0, len(points), step):
+            here = slice(first, first + step)
+            best[here] = _square_gaps(points[here], ring, along, square)
+        return np.asarray(np.sqrt(best))
     runs = _runs(len(ring))
-    step = max(_BLOCK // runs.size, 1)
+    step, pairs = max(_BLOCK // len(ring), 1), max(_BLOCK // runs.shape[1], 1)
     for first in range(0, len(points), step):
-        here = points[first : first + step]
-        row, run = _near_runs(ring, runs, here)
-        for part in range(0, len(row), max(_BLOCK // runs.shape[1], 1)):
-            chosen = slice(part, part + max(_BLOCK // runs.shape[1], 1))
-            side = runs[run[chosen]]
-            offset = here[row[chosen], None] - ring[side]
-            share = np.clip((offset * along[side]).sum(axis=2) / square[side], 0.0, 1.0)
-            gap = ((offset - share[..., None] * along[side]) ** 2).sum(axis=2).min(axis=1)
-            np.minimum.at(best, first + row[chosen], gap)
+        row, run = _near_runs(ring, runs, points[first : first + step])
+        row += first
+        for part in range(0, len(row), pairs):
+            rows, side = row[part : part + pairs], runs[run[part : part + pairs]]
+            gaps = _square_gaps(points[rows], ring[side], along[side], square[side])
+            np.minimum.at(best, rows, gaps)
     return np.asarray(np.sqrt(best))
 
 
+def _square_gaps(points: Floats, starts: Floats, along: Floats, square: Floats) -> Floats:
+    """Squared distances of points (k, 2) to the nearest of sides ([k,] n, 2)."""
+    offset = points[:, None] - starts
+    share = np.clip((offset * along).sum(axis=2) / square, 0.0, 1.0)
+    gap = offset - share[..., None] * along
+    return np.asarray((gap**2).sum(axis=2).min(axis=1))
+
+
 def _runs(n: int) -> Indices:
-    """Sides of a ring in runs of equal length, short rings in one; the last side may repeat."""
-    length = n if n <= 64 else int(n**0.5)
+    """Sides of a ring in runs of equal length; the last side may repeat."""
+    length = int(n**0.5)
     count = -(-n // length)
     return np.minimum(np.arange(count * length), n - 1).reshape(count, length)
 
