@@ -43,7 +43,7 @@ _PUBLIC = {
     "check_report": "check",
     "Design": "design",
     "read_design": "source",
-    "Spec": "job",
+    "Spec": "job_spec",
     "Panelization": "job",
     "panelize": "job",
     "PqmeshError": "errors",

@@ -186,6 +186,9 @@ def panelize(
     if direction_deg is not None and curves is None:
         drop(text.tables, ("panels", "curves"), ("file", "select", "points"))
     given = {flag: option for flag, option in options.items() if option[1] is not None}
+    if network in (Network.principal, Network.uv):
+        # The option wins over the design, whose curves belong to another network.
+        put(text.tables, ("panels", "curves"), None)
     for path, value in given.values():
         put(text.tables, path, value)
     if source.suffix.lower() != ".toml" and edge is None:

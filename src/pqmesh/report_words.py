@@ -26,10 +26,15 @@ def roof_warnings(result: Panelization, origin: Floats) -> list[str]:
                 f"have no neighbour in their plane to merge with; the first at ({place})"
             )
         if panels.covered_share < 1.0 - 1e-6:
+            network = result.network_mesh
+            broken = network.unusable or network.separate or result.umbilics.umbilics
+            why = (
+                "its network is broken there"
+                if broken
+                else "the surface does not reach over the rest (surface.extend continues it)"
+            )
             found.append(
-                f"the panels cover {100 * panels.covered_share:.4g} % of the outline: the surface "
-                f"or its network does not reach over the rest (surface.extend continues the "
-                f"surface)"
+                f"the panels cover {100 * panels.covered_share:.4g} % of the outline: {why}"
             )
     for layer in result.layers:
         bound = layer.first_reversed_edge_distance

@@ -22,19 +22,12 @@ from pqmesh.fabricate.panels import obj_from_polygons
 from pqmesh.io.atomic import shown_path, write_all, write_bytes
 from pqmesh.io.obj import obj_from_mesh
 from pqmesh.job import Panelization
+from pqmesh.leftovers import earlier_parts, remove_leftovers, remove_parts
 from pqmesh.mesh.measure import conicality_defect, fitted_cones, planarity_deviation
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.offset.support import SupportStructure
 from pqmesh.source import Source
 from pqmesh.vectors import Floats
-
-# Files that an earlier run of the same command may have left and this one does not replace.
-_OURS = re.compile(
-    r"(mesh|panels|(layer-\d+|support)(-panels)?)\.obj|report\.json|figures/[a-z-]+\.png"
-)
-
-# Folders of parts, as `part_folders` names them.
-_PART = re.compile(r"\d+-[A-Za-z0-9._-]+")
 
 NETWORK_WORDS = {
     "principal": "Lines of curvature",
@@ -320,10 +313,10 @@ def write_panelization(folder: Path, roof: Roof, *, began: float) -> dict[str, A
         }
     }
     files["report.json"] = json_bytes(report)
-    earlier = _parts(folder)
+    earlier = earlier_parts(folder)
     write_all(folder, files)
-    _remove_leftovers(folder, set(files))
-    _remove_parts(folder, earlier)
+    remove_leftovers(folder, set(files))
+    remove_parts(folder, earlier)
     return report
 
 
@@ -350,37 +343,7 @@ def write_index(
         ],
         "warnings": sorted({note for source in sources for note in source.notes}),
     }
-    earlier = _parts(folder)
+    earlier = earlier_parts(folder)
     write_all(folder, {"report.json": json_bytes(index)})
-    _remove_leftovers(folder, {"report.json"})
-    _remove_parts(folder, earlier - {place.name for place in folders})
-
-
-def _parts(folder: Path) -> set[str]:
-    """Folders of the parts that an earlier run has written, by its report."""
-    try:
-        index = json.loads((folder / "report.json").read_bytes())
-        names = {part["folder"] for part in index.get("parts", ())}
-    except (OSError, ValueError, RecursionError, AttributeError, LookupError, TypeError):
-        return set()
-    return {name for name in names if isinstance(name, str) and _PART.fullmatch(name)}
-
-
-def _remove_parts(folder: Path, names: set[str]) -> None:
-    """Remove our files from the folders of parts that are no more."""
-    for name in sorted(names):
-        _remove_leftovers(folder / name, set())
-        with suppress(OSError):
-            (folder / name).rmdir()
-
-
-def _remove_leftovers(folder: Path, kept: set[str]) -> None:
-    """Remove what an earlier run of ours left and this run has not made."""
-    for path in [*folder.glob("*.obj"), *folder.glob("report.json"), *folder.glob("figures/*.png")]:
-        name = path.relative_to(folder).as_posix()
-        if name not in kept and _OURS.fullmatch(name):
-            # The result stands; what cannot be removed is no reason to call it failed.
-            with suppress(OSError):
-                path.unlink()
-    with suppress(OSError):
-        (folder / "figures").rmdir()
+    remove_leftovers(folder, {"report.json"})
+    remove_parts(folder, earlier - {place.name for place in folders})

@@ -13,22 +13,18 @@ from pqmesh.design import LARGEST_LENGTH, Design
 from pqmesh.design_keys import CurvesSpec
 from pqmesh.errors import PqmeshError, SpecError, SurfaceError
 from pqmesh.io.outlines import plausible_units, read_curves, read_outline
-from pqmesh.job import Spec
+from pqmesh.job_spec import Spec
 from pqmesh.network.kinds import Given
 from pqmesh.network.region import PlanOutline
 from pqmesh.source_faces import Faces, faces_of
+from pqmesh.source_joined import joined_faces
 from pqmesh.surface.base import Surface
 from pqmesh.surface.extended import extended
 from pqmesh.surface.face import Patch
 from pqmesh.surface.faces import FaceRegion, plan_rims
-from pqmesh.surface.plan import PlanSurface, Seam, seams
+from pqmesh.surface.plan import PlanSurface
 from pqmesh.surface.regular import check_regular
 from pqmesh.vectors import Floats
-
-# Faces that meet within these are one surface: a gap in shares of the extent, an angle.
-SMOOTH_GAP, SMOOTH_ANGLE = 1e-5, np.radians(0.5)
-# A jump of curvature beyond this share of the largest curvature is worth a word.
-CURVATURE_JUMP = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +97,7 @@ def _opened(design: Design, folder: Path, faces: Faces, *, is_stated: bool) -> t
     outline = _outline(design, folder, faces.origin)
     given = _given(design.panels.curves, folder, design.units, faces.origin)
     sources = []
-    for patches, notes in _groups(faces.patches):
+    for patches, notes in joined_faces(faces.patches):
         surface, region = _surface(patches, design.extend, _rim(design))
         if outline is not None:
             points = surface.jet(surface.domain.grid(40, 40).reshape(-1, 2)).point[:, :2]
@@ -164,7 +160,7 @@ def opened_surface(design: Design, folder: Path) -> Surface:
         When its faces do not join, or lie far from the origin.
     """
     faces = faces_of(design.surface, folder)
-    groups = _groups(faces.patches)
+    groups = joined_faces(faces.patches)
     if len(groups) > 1:
         raise SpecError(
             f"A reference must be one surface; found {len(groups)} faces that do not join "
@@ -207,50 +203,6 @@ def _check_digits(design: Design, origin: Floats) -> None:
 
 def _point(place: Floats) -> str:
     return f"({', '.join(f'{x:.12g}' for x in place)})"
-
-
-def _groups(patches: tuple[Patch, ...]) -> list[tuple[tuple[Patch, ...], tuple[str, ...]]]:
-    """Faces that are one surface together, with notes: all of them, or each alone."""
-    if len(patches) == 1:
-        return [(patches, ())]
-    try:
-        joined = PlanSurface(patches)
-    except SurfaceError as error:
-        why = f"the faces cannot be joined over the plan ({error})"
-        return _alone(patches, why)
-    met = seams(joined)
-    extent = float(joined.domain.size.max())
-    rough = [s for s in met if s.gap > SMOOTH_GAP * extent or s.angle > SMOOTH_ANGLE]
-    if rough:
-        return _alone(patches, f"the faces do not join smoothly ({_seam(rough[0])})")
-    if len(met) < len(patches) - 1:
-        return _alone(patches, "the faces do not all meet")
-    bend = _largest_bend(joined)
-    notes = [f"{len(patches)} faces joined to one surface"]
-    notes += [
-        f"curvature jumps at a seam ({_seam(s)}): panels across it are less even"
-        for s in met
-        if s.curvature > CURVATURE_JUMP * bend
-    ]
-    return [(patches, tuple(notes))]
-
-
-def _alone(patches: tuple[Patch, ...], why: str) -> list[tuple[tuple[Patch, ...], tuple[str, ...]]]:
-    return [((patch,), (f"each face is panelled on its own: {why}",)) for patch in patches]
-
-
-def _seam(seam: Seam) -> str:
-    return (
-        f"{seam.first} and {seam.second}: gap {seam.gap:.3g}, angle "
-        f"{np.degrees(seam.angle):.3g} deg, curvature jump {seam.curvature:.3g}"
-    )
-
-
-def _largest_bend(surface: PlanSurface) -> float:
-    """Largest second derivative of the height at samples of the faces."""
-    uv = surface.domain.grid(40, 40).reshape(-1, 2)
-    jet = surface.jet(uv[surface.contains(uv)])
-    return float(max(np.abs(row[:, 2]).max(initial=0.0) for row in (jet.duu, jet.duv, jet.dvv)))
 
 
 def _rim(design: Design) -> float:
@@ -304,6 +256,8 @@ def _own_outline(
         return outline, ()
     if outline is not None and not is_alone:
         return outline, ()
+    if outline is None and region is None:
+        return None, ()
     rims = plan_rims(patches)
     if rims is None:
         note = (

@@ -15,6 +15,8 @@ _ROUNDS = 12
 # Share of the samples that may stay far from lines: what lacks there is found at the end.
 _REST = 0.003
 _SAME = 1e-9
+# Probe lines that need steps shorter than this share of what they may take wave within a panel.
+LEAST_STEP, MANY_STEPS = 0.12, 2000
 
 
 def probe_lines(patch: Patch, spacing: Floats, limits: Limits) -> tuple[Lines, Lines]:
@@ -33,6 +35,8 @@ def probe_lines(patch: Patch, spacing: Floats, limits: Limits) -> tuple[Lines, L
         seeds = [cover.seeds(worst, family, cross_lines[1 - family]) for family in (0, 1)]
         cover.add(patch.traced((seeds[0], seeds[1]), limits))
         cover.distance[worst] = 0.0
+        if cover.is_rough(limits.step):
+            break
     return joined(cover.parts[0]), joined(cover.parts[1])
 
 
@@ -66,6 +70,11 @@ class _Cover:
             return _first_least(np.where(clear, away, np.inf))
         worst = _first_least(-need)
         return worst if (need > 1.0).mean() > _REST else None
+
+    def is_rough(self, step: float) -> bool:
+        """Whether lines can be followed by tiny steps only: more of them would take for ever."""
+        lengths = np.concatenate([lines.length for part in self.parts for lines in part])
+        return bool(len(lengths) > MANY_STEPS and np.median(lengths) < LEAST_STEP * step)
 
     def seeds(self, worst: int, family: int, rail: Lines) -> Seeds:
         """Seeds of a family at equal steps along a line of the other one, where lines lack."""

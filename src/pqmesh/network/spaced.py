@@ -10,15 +10,13 @@ from pqmesh.network.curves import CurveNetwork
 from pqmesh.network.growth import Growth
 from pqmesh.network.lines import Lines
 from pqmesh.network.patch import Patch
-from pqmesh.network.probe import probe_lines
+from pqmesh.network.probe import LEAST_STEP, probe_lines
 from pqmesh.network.walker import Inside, Limits
 from pqmesh.vectors import Floats
 
 # The probe's lines stand as far apart as the wanted ones, but neither so far that they miss how
 # the spacing varies over the region, nor so near that tracing them costs more than the network.
 _PROBE = (1 / 45, 1 / 14)
-# Probe lines that need steps shorter than this share of what they may take wave within a panel.
-LEAST_STEP = 0.12
 # Local errors of a step in sizes of the region. The probe only measures; dense output of the
 # lines loses two digits against their steps, and 1e-8 is promised.
 _PROBE_TOLERANCE, _TOLERANCE = 1e-7, 5e-11
