@@ -138,7 +138,9 @@ def approximate_edge_offset(
     ----------
     surface : Surface
     start : QuadMesh
-        A disc of curvature lines with vertices on the surface; best `square_patch`.
+        A disc of curvature lines with vertices on the surface: `square_patch`, or a network with
+        the edges of `square_edges`. One whose Gauss image has long faces has to slide far first,
+        and may end far away.
     uv : (V, 2)
         Parameters of its vertices.
     weights : FitWeights, optional
