@@ -7,9 +7,11 @@ from pqmesh.errors import NetworkError
 from pqmesh.koebe.approximate import FitWeights, approximate_edge_offset
 from pqmesh.koebe.edge_offset import edge_offset_test
 from pqmesh.koebe.families import square_koebe
-from pqmesh.koebe.square_patch import square_patch
+from pqmesh.koebe.square_patch import square_edges, square_patch
 from pqmesh.koebe.terms import EdgeParallel, Tangency
 from pqmesh.mesh.measure import planarity
+from pqmesh.network.kinds import trace_network
+from pqmesh.network.meshing import quads_from_network
 from pqmesh.offset.distances import edge_distance
 from pqmesh.optimize.problem import gathered
 from pqmesh.surface.analytic import shape_surface
@@ -91,6 +93,27 @@ def test_surface_with_a_vanishing_curvature_is_refused():
     tube = graph_surface("-0.1*x**2", SIX, SIX)
     with pytest.raises(NetworkError, match="the normal hardly turns"):
         square_patch(tube, np.array([0.1, 0.2]), (1.0, 1.0), 6)
+
+
+def test_network_with_square_edges_comes_near_to_a_quadric_too():
+    # A region of any rim instead of a patch; long faces of the Gauss image would spoil it.
+    surface = graph_surface("-0.05*x**2-0.08*y**2", (-2.0, 2.0), (-2.0, 2.0))
+    edge = square_edges(surface, surface.domain.grid(5, 5).reshape(-1, 2), 0.32)
+    assert edge[0] > edge[1]
+    found = quads_from_network(trace_network("principal", surface, edge))
+    wide = graph_surface("-0.05*x**2-0.08*y**2", SIX, SIX)
+    fit = approximate_edge_offset(wide, found.mesh, found.uv)
+    assert fit.figures["deviation_max_pct"] < 0.5
+    assert fit.figures["offset_error_max"] < 1e-12
+    long_faces = quads_from_network(trace_network("principal", surface, edge[::-1]))
+    worse = approximate_edge_offset(wide, long_faces.mesh, long_faces.uv)
+    assert worse.figures["deviation_max_pct"] > 10 * fit.figures["deviation_max_pct"]
+
+
+def test_edges_across_a_parabolic_line_are_refused():
+    surface = graph_surface("x**3 + y**2", (-1.0, 1.0), (-1.0, 1.0))
+    with pytest.raises(NetworkError, match="must keep their signs"):
+        square_edges(surface, surface.domain.grid(4, 4).reshape(-1, 2), 0.1)
 
 
 # --- what is reached ----------------------------------------------------------------------------

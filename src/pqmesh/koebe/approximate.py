@@ -35,12 +35,14 @@ from pqmesh.optimize.terms.linear import Combination
 from pqmesh.surface.base import Surface
 from pqmesh.surface.curvature import shape_data
 from pqmesh.surface.reference import SurfaceReference, TriangleReference
-from pqmesh.vectors import Floats, dot, norm
+from pqmesh.vectors import Floats, Mask, dot, norm
 
 # Weight of the exact conditions in a step; what they leave over is removed afterwards.
-STIFF = 1e8
+STIFF = 1e12
 # Steps end when they lower the sum of squares by less than this share.
-WORTH, LEAST_SHARE, TRIES = 1e-3, 1e-3, 14
+WORTH, LEAST_SHARE, TRIES = 1e-3, 1e-3, 20
+# Faces that a step would break are braked, more at each try, and less from step to step.
+FIRST_BRAKE, BRAKE_GROWTH, BRAKE_EASE, LAST_BRAKE = 1e2, 10.0, 0.1, 1e8
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,9 @@ def approximate_edge_offset(
     ----------
     surface : Surface
     start : QuadMesh
-        A disc of curvature lines with vertices on the surface; best `square_patch`.
+        A disc of curvature lines with vertices on the surface: `square_patch`, or a network with
+        the edges of `square_edges`. One whose Gauss image has long faces has to slide far first,
+        and may end far away.
     uv : (V, 2)
         Parameters of its vertices.
     weights : FitWeights, optional
@@ -196,6 +200,7 @@ class _Search:
     problem: Problem
     assembly: Assembly
     guard: Guard
+    brakes: Floats
     damping: float = 1e-6
     count: int = 0
 
@@ -223,7 +228,8 @@ class _Search:
             Goal("anchor", anchor(start), weights.anchor),
         )
         problem = Problem({"vertices": mesh.vertices, "image": image.vertices}, goals)
-        return cls(mesh, image, problem, Assembly(problem, mesh), Guard.of(mesh))
+        brakes = np.zeros(mesh.topology.n_faces)
+        return cls(mesh, image, problem, Assembly(problem, mesh), Guard.of(mesh), brakes)
 
     @property
     def value(self) -> float:
@@ -244,22 +250,26 @@ class _Search:
             scale = (STIFF if goal.hard else goal.weight) / max(len(residual), 1)
             parts.append(Part(scale, jacobian))
             residuals.append(residual)
-        still, damping = np.zeros(self.mesh.topology.n_faces), self.damping
-        before = self.value
+        brakes, damping, before = BRAKE_EASE * self.brakes, self.damping, self.value
         for _ in range(TRIES):
-            # Damped by a move in mean edges, not by the stiff diagonal.
-            step = self._solved(parts, residuals, still, damping)
-            found = None if step is None else self._tried(step)
+            step = self._solved(parts, residuals, brakes, damping)
+            found, blocking = (None, None) if step is None else self._tried(step)
             if found is not None and found.value < before:
-                return replace(found, damping=max(0.2 * damping, 1e-9), count=self.count + 1)
-            damping *= 10.0
+                eased = max(0.2 * damping, 1e-9)
+                return replace(found, damping=eased, brakes=brakes, count=self.count + 1)
+            if blocking is not None and brakes[blocking].max() < LAST_BRAKE:
+                # Only the faces in the way are held back; the others go on.
+                stiffer = np.maximum(BRAKE_GROWTH * brakes, FIRST_BRAKE)
+                brakes = np.where(blocking, stiffer, brakes)
+            else:
+                damping *= 10.0
         return None
 
     def _solved(
-        self, parts: list[Part], residuals: list[Floats], still: Floats, damping: float
+        self, parts: list[Part], residuals: list[Floats], brakes: Floats, damping: float
     ) -> Floats | None:
-        """Step of the normal equations with a resistance to every move."""
-        values = self.assembly.matrix(parts, 0.0, still)
+        """Step of the normal equations, with a resistance to all moves in mean edges."""
+        values = self.assembly.matrix(parts, 0.0, brakes)
         size = len(self.assembly.free)
         lengths = np.repeat(
             [self.mesh.mean_edge_length, self.image.mean_edge_length], 3 * (size // 2)
@@ -273,19 +283,20 @@ class _Search:
             return None
         return step if np.isfinite(step).all() else None
 
-    def _tried(self, step: Floats) -> _Search | None:
-        """The exact pair nearest to a step, None when a face breaks."""
+    def _tried(self, step: Floats) -> tuple[_Search | None, Mask | None]:
+        """The exact pair nearest to a step, or the faces (F,) that it would break."""
         blocks = self.assembly.moved(dict(self.problem.blocks), step)
         try:
             image, error = exact_image(self.image.with_vertices(blocks["image"]))
         except MeshError:
-            return None
+            return None, None
         if not error < LEAST_SHARE * self.image.mean_edge_length**2:
-            return None
+            return None, None
         mesh = parallel_member(image, blocks["vertices"])
         faces, edges = self.guard.broken(mesh.vertices)
         if faces.any() or edges.any():
-            return None
+            around = edges[self.mesh.topology.face_edges].reshape(-1, 4)
+            return None, faces | around.any(axis=1)
         found = {"vertices": mesh.vertices, "image": image.vertices}
         goals = tuple(
             replace(goal, term=goal.term.refreshed(found))
@@ -293,7 +304,7 @@ class _Search:
             else goal
             for goal in self.problem.goals
         )
-        return replace(self, mesh=mesh, image=image, problem=Problem(found, goals))
+        return replace(self, mesh=mesh, image=image, problem=Problem(found, goals)), None
 
 
 def _rms(values: Floats) -> float:

@@ -9,8 +9,8 @@ circles are the corners of a polygon. Prescribed at each boundary vertex is eith
 With angles only they must sum to (B - 2) pi for B boundary vertices, as in every polygon; one
 radius or more sets this free. In both cases every set of circles must want less than pi for each
 corner of the mesh that touches it; radii alone can always be met on quad discs whose interior
-vertices have at least four edges. The pattern is then unique. Counting: B numbers, and three for
-the place of the plane on the sphere, give 2m + 2n + 3 on a grid of m x n faces.
+vertices have at least four edges. The pattern is then unique. Counting: B radii, and three for the
+place of the plane pattern, give 2m + 2n + 3 on a grid of m x n faces.
 """
 
 from __future__ import annotations

@@ -100,6 +100,43 @@ def square_patch(
     return SquarePatch(mesh, uv.reshape(-1, 2), defect)
 
 
+def square_edges(surface: Surface, uv: Floats, edge: float) -> tuple[float, float]:
+    """Panel edges along both families whose Gauss image is a square in the mean, model unit.
+
+    For `trace_network`, where a region with an outline is wanted instead of a patch: an edge e is
+    turned into about |k| e on the sphere, so that e_1 / e_2 = |k_2 / k_1|. Their geometric mean is
+    the given edge.
+
+    Parameters
+    ----------
+    surface : Surface
+    uv : (N, 2)
+        Points of the region.
+    edge : float, model unit
+
+    Raises
+    ------
+    NetworkError
+        When a principal curvature vanishes on the whole, or changes its sign, in the region.
+
+    Examples
+    --------
+    >>> from pqmesh.surface.formula import graph_surface
+    >>> bowl = graph_surface("x**2 + 0.25*y**2", (-1, 1), (-1, 1))
+    >>> [round(e, 3) for e in square_edges(bowl, np.array([[0.0, 0.0]]), 0.1)]
+    [0.05, 0.2]
+    """
+    k = shape_data(surface.jet(uv)).k
+    if (np.sign(k) * np.sign(k[:1]) <= 0.0).any():
+        worst = int(np.abs(k).min(axis=1).argmin())
+        raise NetworkError(
+            f"Both principal curvatures must keep their signs; near u, v = {uv[worst].tolist()} "
+            f"one passes 0. Choose a region without parabolic lines."
+        )
+    ratio = float(np.exp(0.5 * np.log(np.abs(k[:, 1] / k[:, 0])).mean()))
+    return edge * ratio, edge / ratio
+
+
 @dataclass(frozen=True, eq=False)
 class _Frame:
     """Two crossing lines of curvature, from whose points the families start."""
