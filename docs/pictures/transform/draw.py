@@ -48,6 +48,7 @@ def ring(center, radius, axis, count=73):
 
 
 def torus_to_cyclides():
+    """A torus and two of its images under boosts."""
     start = torus()
     title = "A torus, bent by boosts into Dupin cyclides"
     caption = "648 planar panels; every state is conical to rounding, and keeps its curvature lines"
@@ -64,6 +65,7 @@ def torus_to_cyclides():
 
 
 def inversion_of_a_circular_mesh():
+    """A circular mesh and its image, both with the circles of their faces."""
     z = np.array([0.0, 0.35, 0.8, 1.2, 1.7, 2.0, 2.5])
     profile = np.column_stack([1.6 + 0.45 * np.sin(1.1 * z), z])
     start = rotational_mesh(profile, np.array([0, 0.2, 0.5, 0.7, 1.1, 1.3, 1.7, 2.0, 2.2, 2.6]))
@@ -96,7 +98,8 @@ def light_cones():
     up = np.array([0.0, 0, 1])
     camera = Camera.orbit(np.array([0.1, 0.0, 0.35]), np.radians(-72), np.radians(24))
     title = "Oriented circles as points over the plane r = 0"
-    caption = "light cones cut the plane in the circles; isotropic planes through the line of both points, in common tangents"
+    caption = "light cones cut the plane in the circles; isotropic planes through the line of "
+    caption += "both points, in common tangents"
     with paper(title, caption) as sheet:
         ground = np.array([[-2.6, -1.5, 0], [2.6, -1.5, 0], [2.6, 1.9, 0], [-2.6, 1.9, 0]])
         top = np.array([[0, 0, 1.35]])
