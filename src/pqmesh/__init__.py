@@ -32,6 +32,8 @@ _PUBLIC = {
     "face_offset": "offset.offsets",
     "vertex_offset": "offset.offsets",
     "support_structure": "offset.support",
+    "LaguerreTransform": "transform.laguerre",
+    "MoebiusTransform": "transform.moebius",
     "Design": "design",
     "read_design": "source",
     "Spec": "job",

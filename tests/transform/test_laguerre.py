@@ -187,6 +187,27 @@ def test_image_vectors_are_a_face_offset_of_the_image_with_parallel_boundary(nam
     np.testing.assert_allclose(levels, 0.05, atol=1e-12)
 
 
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("name", sorted(BUILDERS))
+def test_image_of_an_edge_is_as_long_as_the_sphere_that_touches_its_faces_is_large(name, seed):
+    # The sphere (v - w/k, -1/k) touches all faces at both ends; its image has radius r', and
+    # the image of the edge is -r' (w'_j - w'_i).
+    mesh = centered(BUILDERS[name]())
+    w = face_offset_vectors(mesh).vectors
+    factors, (i, j) = edge_factors(mesh, w), mesh.edges.T
+    curved = np.abs(factors) > 1e-3
+    i, j, factors = i[curved], j[curved], factors[curved, None]
+    found = LaguerreTransform.random(np.random.default_rng(seed), 0.2, distance=0.1)
+    touching = np.column_stack([mesh.vertices[i] - w[i] / factors, -1 / factors])
+    radius = found.on_spheres(touching)[:, 3:]
+    cones = found.on_cones(mesh.vertices, w)
+    np.testing.assert_allclose(
+        cones.vertices[j] - cones.vertices[i],
+        -radius * (cones.vectors[j] - cones.vectors[i]),
+        atol=1e-9,
+    )
+
+
 @pytest.mark.parametrize("distance", [0.1, -0.15, 0.3])
 @pytest.mark.parametrize("name", sorted(BUILDERS))
 def test_offset_of_a_mesh_is_its_face_offset(name, distance):
