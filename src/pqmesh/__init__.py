@@ -41,6 +41,8 @@ _PUBLIC = {
     "face_curvatures": "offset.steiner",
     "vertex_cones": "mesh.cones",
     "check_report": "check",
+    "LaguerreTransform": "transform.laguerre",
+    "MoebiusTransform": "transform.moebius",
     "Design": "design",
     "read_design": "source",
     "Spec": "job_spec",

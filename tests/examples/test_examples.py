@@ -56,6 +56,16 @@ BOUNDS = {
         "length_error": (0.0, 1e-12),
         "area_error": (0.0, 1e-11),
     },
+    "torus_to_cyclide": {
+        "panels": (648, 648),
+        # Where the tube of radius 1 about the ring of radius 3 becomes a point: artanh(1/3).
+        "rapidity_limit": (0.3465, 0.3467),
+        "planarity": (0.0, 1e-12),
+        "cone_spread": (0.0, 1e-11),
+        "layer_distance_error": (0.0, 1e-13),
+        # cosh - 3 sinh of 0.8 of the limit, on the smooth cyclide.
+        "thinnest_tube_radius": (0.190, 0.200),
+    },
 }
 
 

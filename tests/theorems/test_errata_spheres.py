@@ -1,7 +1,7 @@
 """Errata E19-E31: Lie, Laguerre and Moebius geometry, and the cone penalty of section 6.2.
 
-The transformations are not in the package yet, so they are written out here. Oriented spheres
-are rows (p, r), oriented planes (N, h) with N . x = h; contact of both means N . p - r = h.
+The transformations are written out here, apart from those of the package. Oriented spheres are
+rows (p, r), oriented planes (N, h) with N . x = h; contact of both means N . p - r = h.
 """
 
 import itertools

@@ -210,7 +210,8 @@ def _check_edges(mesh: QuadMesh, moved: QuadMesh, scale: float) -> None:
         a, b = mesh.edges[lost[0]]
         raise MeshError(
             f"Every edge of the image must have length; edge {a}-{b} collapses to a point "
-            f"({len(lost)} of {len(mesh.edges)} edges). Use a smaller rapidity or offset."
+            f"({len(lost)} of {len(mesh.edges)} edges). Use a smaller rapidity or offset, or "
+            f"boost about the middle of the mesh."
         )
 
 
@@ -226,7 +227,7 @@ def _orientation(moved: QuadMesh, planes: Floats) -> int:
     raise MeshError(
         f"All faces must keep their sides, or all change them; face {folded[0]} turns over "
         f"against the others ({len(folded)} of {len(along)} faces): the image is folded. Use a "
-        f"smaller rapidity or offset."
+        f"smaller rapidity or offset, or boost about the middle of the mesh."
     )
 
 
