@@ -161,7 +161,7 @@ def low_spectrum(matrix: Any, bound: float, expected: int = 0) -> LowSpectrum:
     if size <= DENSE:
         return _dense_spectrum(rows.toarray())
     normal = csc_matrix(rows.T @ rows)
-    shift = SHIFT * float(normal.diagonal().max())
+    shift = SHIFT * (float(normal.diagonal().max()) or 1.0)
     factor = _SuperLU().factor(normal + shift * csc_matrix(eye_array(size)))
     count = min(expected + SPARE, size)
     while True:

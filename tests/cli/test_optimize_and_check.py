@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pqmesh.check import check_report
+from pqmesh.check import check_lines, check_report
 from pqmesh.io.formats import read_quad_mesh, write_mesh
 from pqmesh.mesh.exact import rotational_mesh
 from pqmesh.mesh.measure import measures, planarity
 from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.offset.spaces import SPACES, OffsetSpace
 from pqmesh.vectors import norm
 
 Command = Callable[..., Any]
@@ -324,6 +325,23 @@ def test_check_decides_the_dimension_of_the_parallel_meshes_or_says_why_not(
         note = next(row for row in found["problems"] if row["kind"] == "parallel_undecided")
         assert f"is {planarity_max}," in note["text"]
         assert "undecided" in pqmesh("check", data_folder / name).out
+
+
+def test_kind_of_offset_that_is_entered_is_checked_without_further_ado(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def scaled(mesh: QuadMesh, tolerance: float) -> OffsetSpace:
+        return OffsetSpace("edge", True, 0, mesh.vertices, tolerance, 0.0, 0.0)
+
+    mesh = rotational_mesh([[2.0, 0.0], [2.4, 0.5], [2.5, 1.2]], 0.3 * np.arange(5))
+    before = check_report(mesh, source="", units=None, tolerance=1e-6)
+    assert (before["edge_offset"], before["offsets"]["edge"]) == (None, None)
+    monkeypatch.setitem(SPACES, "edge", scaled)
+    after = check_report(mesh, source="", units=None, tolerance=1e-6)
+    assert after["edge_offset"] is True
+    assert after["offsets"]["edge"]["error"] == 1e-6
+    assert any(line.startswith("edge offset") for line in check_lines(after))
+    assert not any(line.startswith("edge offset") for line in check_lines(before))
 
 
 def test_check_of_a_few_thousand_faces_takes_less_than_five_seconds() -> None:

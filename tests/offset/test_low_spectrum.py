@@ -50,6 +50,12 @@ def test_small_and_wide_matrices_are_solved_densely():
     assert np.abs(wide @ found.vectors[:, :2]).max() < 1e-15
 
 
+def test_large_matrix_of_zeros_has_zeros_only():
+    found = low_spectrum(csr_array((350, 320)), 1.0)
+    assert found.values.shape == (320,)
+    assert not found.values.any()
+
+
 def test_everything_below_the_bound_is_returned_as_it_is():
     found = low_spectrum(csr_array(np.zeros((4, 3))), 1.0)
     assert np.allclose(found.values, 0)

@@ -6,29 +6,23 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
 
 from pqmesh.errors import MeshError
 from pqmesh.linear import low_spectrum
-from pqmesh.mesh.measure import circularity_defect, common_vectors, fitted_cones, planarity
+from pqmesh.mesh.measure import circularity_defect, fitted_cones, planarity
 from pqmesh.mesh.quadmesh import QuadMesh
-from pqmesh.mesh.topology import Stars
 from pqmesh.offset.distances import KINDS
 from pqmesh.offset.parallel import ZERO_BAND, ZERO_FLOOR, check_edges
+from pqmesh.offset.slides import parallel_slides, touching_vectors
 from pqmesh.offset.vectors import (
-    least_squares,
     reflections_from_root,
     starts_by_closing,
     vertex_offset_vectors,
 )
-from pqmesh.vectors import Floats, Indices, Mask, cross, dot, norm
+from pqmesh.vectors import Floats, cross, dot, norm
 
-# Normals closer together than this (radians) are one plane: the edge between them is flat.
-FLAT_EDGE = 1e-7
 # A start vector of reflections that meets an edge at less than this sine collapses it.
 COLLAPSED = 1e-6
-# Normals whose singular values fall below this share leave a vertex free to slide.
-RANK = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,10 +108,12 @@ def face_offset_space(mesh: QuadMesh, tolerance: float) -> OffsetSpace:
     cones = fitted_cones(mesh)
     flatness = float(planarity(mesh).max())
     exists = flatness <= tolerance and bool((cones.relative_spread <= tolerance).all())
-    vectors, rows, directions = _touching_vectors(mesh, max(RANK, ZERO_BAND * flatness))
-    edges = _unforced_edges(mesh)
-    slides, dimension = _slides(mesh, vectors, rows, directions, edges, flatness)
-    vectors = vectors + slides
+    touching = touching_vectors(mesh)
+    slides, matrix = parallel_slides(mesh, touching)
+    vectors = touching.vectors + slides
+    band = max(ZERO_BAND * flatness, ZERO_FLOOR)
+    free = low_spectrum(matrix, band, 4).values if matrix.shape[1] else np.empty(0)
+    dimension = int(np.count_nonzero(free <= band))
     topology = mesh.topology
     normals = mesh.face_normals[topology.corner_faces]
     error = np.abs(dot(vectors[topology.indices], normals) - 1.0).max()
@@ -129,73 +125,6 @@ def face_offset_space(mesh: QuadMesh, tolerance: float) -> OffsetSpace:
         float(error),
         *_turned(mesh, vectors),
     )
-
-
-def _touching_vectors(mesh: QuadMesh, rank: float) -> tuple[Floats, Indices, Floats]:
-    """Shortest s with n_f . s = 1 for all vertices; free directions (r, 3) and their vertices."""
-    vectors = np.zeros((mesh.topology.n_vertices, 3))
-    rows, directions = [np.empty(0, dtype=np.int64)], [np.empty((0, 3))]
-    for is_boundary in (False, True):
-        for star in mesh.topology.stars(boundary=is_boundary):
-            found, free, axes = _star_freedom(mesh, star, rank)
-            vectors[star.vertices] = found
-            place, which = np.nonzero(free)
-            rows.append(star.vertices[place])
-            directions.append(axes[place, which])
-    number = np.concatenate(rows)
-    order = np.argsort(number, kind="stable")
-    return vectors, number[order], np.concatenate(directions)[order]
-
-
-def _star_freedom(mesh: QuadMesh, star: Stars, rank: float) -> tuple[Floats, Mask, Floats]:
-    """Shortest vectors (n, 3), and which (n, 3) of the axes (n, 3, 3) leave all planes alone."""
-    normals = mesh.face_normals[star.faces]
-    missing = max(3 - normals.shape[1], 0)
-    padded = np.concatenate([normals, np.zeros((len(normals), missing, 3))], axis=1)
-    _, values, axes = np.linalg.svd(padded, full_matrices=False)
-    return common_vectors(normals, rank), values <= rank * values[:, :1], axes
-
-
-def _unforced_edges(mesh: QuadMesh) -> Indices:
-    """Edges that planes do not force to stay parallel: boundary edges and flat ones."""
-    topology = mesh.topology
-    left, right = topology.edge_faces.T
-    sine = norm(cross(mesh.face_normals[left], mesh.face_normals[right]))
-    return np.flatnonzero(topology.is_boundary_edge | (sine < FLAT_EDGE))
-
-
-def _slides(
-    mesh: QuadMesh,
-    vectors: Floats,
-    rows: Indices,
-    directions: Floats,
-    edges: Indices,
-    flatness: float,
-) -> tuple[Floats, int]:
-    """Smallest slides (V, 3) that make the edges parallel, and the dimension of all of them."""
-    moves = np.zeros_like(vectors)
-    if not len(rows):
-        return moves, 0
-    ends = mesh.edges[edges]
-    face = mesh.topology.edge_faces[edges].max(axis=1)
-    length = mesh.edge_lengths[edges][:, None]
-    across = cross(mesh.face_normals[face], mesh.edge_vectors[edges] / length)
-    across = across * (mesh.mean_edge_length / length)
-    gap = dot(across, vectors[ends[:, 1]] - vectors[ends[:, 0]])
-    first, last = np.searchsorted(rows, ends), np.searchsorted(rows, ends, side="right")
-    entries = [(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))]
-    for end, sign in ((0, -1.0), (1, 1.0)):
-        for step in range(3):
-            edge = np.flatnonzero(first[:, end] + step < last[:, end])
-            column = first[edge, end] + step
-            entries.append((edge, column, sign * dot(across[edge], directions[column])))
-    edge, column, value = (np.concatenate(part) for part in zip(*entries, strict=True))
-    matrix = coo_array((value, (edge, column)), (len(ends), len(rows)))
-    amounts = least_squares(matrix, -gap)
-    np.add.at(moves, rows, amounts[:, None] * directions)
-    band = max(ZERO_BAND * flatness, ZERO_FLOOR)
-    values = low_spectrum(matrix, band, 4).values
-    return moves, int(np.count_nonzero(values <= band))
 
 
 def _turned(mesh: QuadMesh, vectors: Floats) -> tuple[float, float]:

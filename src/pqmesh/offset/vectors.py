@@ -10,15 +10,12 @@ from scipy.sparse.csgraph import breadth_first_order
 
 from pqmesh.errors import MeshError
 from pqmesh.linear import SymmetricPattern
-from pqmesh.mesh.measure import common_vectors, fitted_cones
 from pqmesh.mesh.quadmesh import QuadMesh
-from pqmesh.mesh.topology import Stars
-from pqmesh.vectors import TINY, Floats, Indices, cross, dot, norm, unit
+from pqmesh.offset.slides import parallel_slides, touching_vectors
+from pqmesh.vectors import Floats, Indices, dot, norm, unit
 
 # A loop of reflections that turns a vector by less than this closes.
 CLOSING = 1e-9
-# Ridge of a least-squares solution over its largest diagonal entry, and the most rounds without.
-RIDGE, ROUNDS, CLOSED = 1e-8, 60, 1e-15
 # Weights of the face distance and of standing still, against parallel edges: small enough for
 # quick convergence, each well above the rounding of the one before.
 SOFT, TRACE = 1e-6, 1e-12
@@ -51,13 +48,13 @@ class OffsetVectors:
 
 
 def face_offset_vectors(mesh: QuadMesh) -> OffsetVectors:
-    """Vectors w with n_f . w = 1 for every face at a vertex, boundary edges parallel.
+    """Vectors w with n_f . w = 1 for every face at a vertex, edges parallel.
 
     Interior vertices have one such vector when the mesh is conical (least squares elsewhere).
-    At the boundary the planes leave freedom: along the shared edge where two faces meet, in the
-    plane where one ends. It is spent on parallel boundary edges, one linear equation each, by
-    least squares, and what is left over on the shortest vectors. Sides between two re-entrant
-    corners (holes, notches) are over-determined, so a parallel error may remain there.
+    Where planes leave freedom, at the boundary and at vertices with flat edges, it is spent on
+    parallel edges, one linear equation each, by least squares, and what is left over on the
+    shortest vectors (`slides`). Sides between two re-entrant corners (holes, notches) are
+    over-determined, so a parallel error may remain there.
 
     References: [pottmann2007]; errata page, E10 and E14; theory of boundary offsets.
 
@@ -67,85 +64,11 @@ def face_offset_vectors(mesh: QuadMesh) -> OffsetVectors:
     >>> face_offset_vectors(box).vectors[0]
     array([0., 0., 1.])
     """
-    cones = fitted_cones(mesh)
-    vectors = np.zeros((mesh.topology.n_vertices, 3))
-    vectors[cones.vertices] = cones.vectors
-    misfit = float(cones.misfit.max(initial=0.0))
-    rows, freedom = [np.empty(0, dtype=np.int64)], [np.empty((0, 3))]
-    for star in mesh.topology.stars(boundary=True):
-        normals = mesh.face_normals[star.faces]
-        vectors[star.vertices] = common_vectors(normals)
-        fit = np.einsum("nki,ni->nk", normals, vectors[star.vertices])
-        misfit = max(misfit, float(np.abs(fit - 1.0).max(initial=0.0)))
-        directions = _free_directions(mesh, star)
-        rows.append(np.repeat(star.vertices, directions.shape[1]))
-        freedom.append(directions.reshape(-1, 3))
-    vectors += _boundary_slides(mesh, vectors, np.concatenate(rows), np.concatenate(freedom))
-    return OffsetVectors("face", vectors, misfit)
-
-
-def _free_directions(mesh: QuadMesh, star: Stars) -> Floats:
-    """Unit directions (n, r, 3) in which a boundary vertex may slide within all its planes."""
-    spokes = unit(mesh.vertices[star.neighbors] - mesh.vertices[star.vertices][:, None])
-    faces = star.faces.shape[1]
-    if faces == 1:
-        return spokes
-    if faces == 2:
-        return spokes[:, 1:2]
-    return spokes[:, :0]
-
-
-def _boundary_slides(mesh: QuadMesh, vectors: Floats, rows: Indices, freedom: Floats) -> Floats:
-    """Slides of boundary vertices that make boundary edges parallel, smallest in total."""
+    touching = touching_vectors(mesh)
+    vectors = touching.vectors + parallel_slides(mesh, touching)[0]
     topology = mesh.topology
-    boundary = np.flatnonzero(topology.is_boundary_edge)
-    slides = np.zeros_like(vectors)
-    if not len(boundary) or not len(rows):
-        return slides
-    ends = topology.edges[boundary]
-    faces = topology.edge_faces[boundary].max(axis=1)
-    length = mesh.edge_lengths[boundary]
-    across = cross(mesh.face_normals[faces], mesh.edge_vectors[boundary] / length[:, None])
-    across = across / length[:, None]
-    gap = dot(across, vectors[ends[:, 1]] - vectors[ends[:, 0]])
-    # Columns of each vertex stand together: rows are sorted by vertex here.
-    order = np.argsort(rows, kind="stable")
-    rows, freedom = rows[order], freedom[order]
-    first, last = np.searchsorted(rows, ends), np.searchsorted(rows, ends, side="right")
-    entries = []
-    for end, sign in ((0, -1.0), (1, 1.0)):
-        for step in range(int((last - first).max())):
-            edge = np.flatnonzero(first[:, end] + step < last[:, end])
-            column = first[edge, end] + step
-            entries.append((edge, column, sign * dot(across[edge], freedom[column])))
-    edge, column, value = (np.concatenate(part) for part in zip(*entries, strict=True))
-    amounts = least_squares(coo_array((value, (edge, column)), (len(ends), len(rows))), -gap)
-    np.add.at(slides, rows, amounts[:, None] * freedom)
-    return slides
-
-
-def least_squares(matrix: coo_array, target: Floats) -> Floats:
-    """Shortest least-squares solution x of a sparse matrix.
-
-    Each round solves for the remainder with a small ridge, so all rounds together leave neither
-    the ridge nor the rounding of the normal equations in the result.
-    """
-    rows = matrix.tocsr()
-    normal = (rows.T @ rows).tocoo()
-    size = rows.shape[1]
-    diagonal = np.arange(size)
-    pattern = SymmetricPattern(
-        np.concatenate([normal.row, diagonal]), np.concatenate([normal.col, diagonal]), size
-    )
-    ridge = np.full(size, RIDGE * max(float(normal.diagonal().max(initial=0.0)), TINY))
-    factor = pattern.factor(pattern.values(np.concatenate([normal.data, ridge])))
-    x = np.zeros(size)
-    for _ in range(ROUNDS):
-        step = factor.solve(np.asarray(rows.T @ (target - rows @ x)))
-        x = x + step
-        if norm(step) <= CLOSED * norm(x):
-            break
-    return x
+    along = dot(vectors[topology.indices], mesh.face_normals[topology.corner_faces])
+    return OffsetVectors("face", vectors, float(np.abs(along - 1.0).max()))
 
 
 # --- vertex offsets -------------------------------------------------------------------------
