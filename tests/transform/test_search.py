@@ -69,6 +69,17 @@ def test_mesh_that_lies_on_the_target_stays():
     np.testing.assert_allclose(found.image.mesh.vertices, mesh.vertices, atol=1e-9)
 
 
+@pytest.mark.parametrize("rapidity", [0.1, 0.3])
+def test_hidden_transformation_is_found_from_the_panels_of_its_image(rapidity):
+    mesh = torus_mesh()
+    wanted = changed(mesh, rapidity).of_mesh(mesh).mesh
+    target = TriangleReference.of_polygons(wanted.vertices, wanted.topology.face_lists())
+    found = nearest_image(mesh, target)
+    assert found.converged
+    assert found.start_rms > 0.2
+    assert found.deviation_max < 1e-9
+
+
 def test_what_the_group_cannot_do_stays_as_deviation():
     mesh = torus_mesh()
     saddle = sampled(lambda x, y: np.stack([3 + 0 * x, x, y], axis=-1), np.arange(7), np.arange(7))
