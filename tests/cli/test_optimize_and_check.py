@@ -307,6 +307,17 @@ def test_single_quad_has_no_vertex_measures(pqmesh: Command, tmp_path: Path) -> 
     assert (found["parallel_dimension"], found["offsets"]["face"]["family_dimension"]) == (5, 4)
 
 
+def test_bent_quad_is_nothing_though_it_has_no_vertex_to_be_judged(
+    pqmesh: Command, tmp_path: Path
+) -> None:
+    (tmp_path / "bent.obj").write_text(SQUARE.replace("1 1 0", "1 1 0.2"))
+    found = checked(pqmesh, tmp_path / "bent.obj")
+    assert [found[kind] for kind in ("planar", "circular", "conical")] == [False] * 3
+    assert not found["offsets"]["face"]["exists"]
+    # Three equations for four factors: translations and scaling.
+    assert found["parallel_dimension"] == 4
+
+
 def test_check_decides_the_dimension_of_the_parallel_meshes_or_says_why_not(
     pqmesh: Command, data_folder: Path
 ) -> None:

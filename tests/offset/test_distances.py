@@ -245,6 +245,24 @@ def test_area_range_is_never_smaller_than_that_of_the_edges():
             assert offset_areas(mesh, image, 1.01 * d).min() < 0
 
 
+def test_saddle_loses_face_areas_on_both_sides():
+    z = np.array([-0.8, -0.5, -0.1, 0.2, 0.7])
+    mesh = rotational_mesh(np.column_stack([np.sqrt(1 + z * z), z]), 0.4 * np.arange(6))
+    image = mesh.with_vertices(face_offset_vectors(mesh).vectors)
+    assert (face_curvatures(mesh, image).gauss < 0).all()
+    low, high = area_range(mesh, image)
+    assert -np.inf < low < 0 < high < np.inf
+    for d in (low, high):
+        assert offset_areas(mesh, image, 0.999 * d).min() > 0
+        assert offset_areas(mesh, image, 1.001 * d).min() < 0
+
+
+def test_flat_mesh_keeps_its_areas_at_any_distance():
+    up = SQUARE.with_vertices(0 * SQUARE.vertices + np.array([0, 0, 1.0]))
+    assert area_range(SQUARE, up) == (-np.inf, np.inf)
+    assert offset_areas(SQUARE, up, 7.0) == pytest.approx(1.0)
+
+
 def test_face_without_area_has_no_curvature():
     line = PolyMesh.of(
         [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [1, 2, 0]], [[0, 1, 2, 3], [2, 1, 4]]

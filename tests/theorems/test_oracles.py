@@ -97,6 +97,8 @@ ORACLES = {
         "test_circular_mesh_comes_back_from_its_contact_elements"]),
     26: ("around a sphere", "theorems/test_conical.py", [
         "test_mesh_around_a_sphere_is_conical_and_its_face_offset_is_a_scaling"]),
+    "26b": ("its offset", "theorems/test_offsets.py", [
+        "test_face_offset_of_a_mesh_around_a_ball_is_a_scaling"]),
     27: ("angle classes", "theorems/test_conical.py", [
         "test_each_class_of_orientations_has_its_own_angle_identity",
         "test_only_the_oriented_class_counts_as_conical"]),
@@ -125,6 +127,15 @@ ORACLES = {
     59: ("holes and notches", "offset/test_spaces.py", [
         "test_conical_mesh_of_any_outline_has_its_face_offset"]),
 }  # fmt: skip
+
+ORACLES |= {
+    f"{number}c": (
+        "circle fit",
+        "mesh/test_circles.py",
+        ["test_exact_circular_mesh_fits_its_circles_to_rounding_error"],
+    )
+    for number in (12, 13, 15, 16)
+}
 
 STATEMENTS = ("proposition_2_1_1", "proposition_2_2_1", "theorem_3_1_1", "theorem_4_1_1",
               "lemma_4_1_2")  # fmt: skip
