@@ -8,6 +8,7 @@ import signal
 import sys
 import time
 import warnings
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -33,6 +34,7 @@ from pqmesh.errors import MeshError, PqmeshError, SpecError
 if TYPE_CHECKING:
     from pqmesh.design import Design
     from pqmesh.mesh.quadmesh import QuadMesh
+    from pqmesh.optimize.solver import Solution, Step
     from pqmesh.results import Roof
     from pqmesh.source import Source
     from pqmesh.surface.reference import Reference
@@ -56,6 +58,7 @@ class Kind(StrEnum):
 
     planar = "planar"
     conical = "conical"
+    edge_offset = "edge-offset"
     circular = "circular"
 
 
@@ -273,7 +276,6 @@ def optimize(
 ) -> None:
     """Move the vertices of a quad mesh as little as makes it planar, conical or circular."""
     from pqmesh.io.formats import MESH_FORMATS, read_quad_mesh
-    from pqmesh.optimize.schedule import optimized
     from pqmesh.report import failed, optimization_report
     from pqmesh.results import check_file, json_bytes, write_files
 
@@ -287,13 +289,8 @@ def optimize(
     target = _reference(reference, start)
     with progress() as tell:
         tell("optimize", None)
-        solution = optimized(
-            kind,
-            start,
-            target,
-            boundary=boundary,
-            within=within,
-            progress=lambda step: tell("optimize", step),
+        solution = _optimized(
+            kind, start, target, boundary, within, lambda step: tell("optimize", step)
         )
     moved = start.with_vertices(solution.blocks["vertices"])
     found = optimization_report(
@@ -467,6 +464,28 @@ def example(
     write_new(output, files)
     design = next(file for file in files if file.endswith(".toml"))
     say(f"wrote {', '.join(files)}; run: pqmesh panelize {output / design} -o out")
+
+
+def _optimized(
+    kind: Kind,
+    start: QuadMesh,
+    target: Reference,
+    boundary: Boundary,
+    within: float | None,
+    told: Callable[[Step], None],
+) -> Solution:
+    """The optimisation of a kind."""
+    from pqmesh.koebe.best import edge_offset_solution
+    from pqmesh.optimize.schedule import optimized
+
+    if kind is not Kind.edge_offset:
+        return optimized(kind, start, target, boundary=boundary, within=within, progress=told)
+    if boundary is not Boundary.free:
+        raise SpecError(
+            f"--kind edge-offset fits a mesh with a free boundary; found --boundary {boundary}. "
+            f"Leave it out."
+        )
+    return edge_offset_solution(start, target, start.vertex_normals, told)[0]
 
 
 # --- helpers of the shell -------------------------------------------------------------------

@@ -174,6 +174,12 @@ class Design(Part):
     def _check_together(self) -> None:
         """Refuse keys that contradict each other."""
         tolerances = self.tolerances
+        if self.panels.kind == "edge-offset" and (self.flat or self.boundary.mode != "free"):
+            found = "panels.flat" if self.flat else f"boundary.mode = {self.boundary.mode!r}"
+            raise SpecError(
+                f"panels.kind = 'edge-offset' fits a flat mesh with a free boundary; found "
+                f"{found} beside it. Leave that out, or choose another kind."
+            )
         if self.flat > tolerances["flat"]:
             raise SpecError(
                 f"panels.flat must not allow more than tolerance.flat accepts; found "

@@ -4,26 +4,31 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from pqmesh.errors import MeshError, NetworkError
 from pqmesh.fabricate.edgebeams import EdgeBeam, edge_beams
 from pqmesh.fabricate.trim import TrimmedPanels, TrimmedWebs, trimmed_panels, trimmed_webs
 from pqmesh.fabricate.walls import outline_walls
+from pqmesh.job_spec import EDGE_OFFSET, check_edges, check_sheets
 from pqmesh.job_spec import Spec as Spec
-from pqmesh.job_spec import check_edges, check_sheets
+from pqmesh.koebe.best import edge_offset_solution
+from pqmesh.koebe.square_patch import square_edges
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.network.kinds import trace_network
 from pqmesh.network.meshing import NetworkMesh, quads_from_network
 from pqmesh.network.principal import CurveNetwork, Inside
-from pqmesh.network.region import PlanOutline
+from pqmesh.network.region import PlanOutline, region_samples
 from pqmesh.offset.offsets import Layer, offset_layer, offset_vectors
 from pqmesh.offset.support import SupportStructure, support_structure
 from pqmesh.offset.vectors import OffsetVectors
 from pqmesh.optimize.schedule import optimized
 from pqmesh.optimize.solver import Solution, Step
 from pqmesh.surface.base import Surface
+from pqmesh.surface.curvature import shape_data
 from pqmesh.surface.faces import FaceRegion
 from pqmesh.surface.reference import SurfaceReference
 from pqmesh.surface.umbilics import UmbilicReport, find_umbilics
@@ -58,6 +63,8 @@ class Panelization:
     uv : (V, 2)
         Surface parameters of the start's vertices.
     seconds : mapping of stage to seconds
+    notes : tuple of str
+        What could not be done, and why.
     """
 
     surface: Surface
@@ -76,6 +83,7 @@ class Panelization:
     support: SupportStructure | None
     trimmed: TrimmedRoof | None
     seconds: dict[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def uv(self) -> Floats:
@@ -129,31 +137,30 @@ def panelize(
         wide = _inside(surface, outline, region, _overhang(surface, spec, inside))
     tell("network", None)
     umbilics = find_umbilics(surface, wide)
-    network = trace_network(spec.network, surface, spec.edges, wide, spec.given)
+    edges = _edges(surface, spec, wide, outline)
+    network = trace_network(spec.network, surface, edges, wide, spec.given)
     network_mesh = quads_from_network(network, wide)
     start, orientation = _oriented(network_mesh.mesh, flip=spec.flip)
     clock.lap("network")
     tell("optimize", None)
-    solution = optimized(
-        spec.kind,
-        start,
-        SurfaceReference(surface, network_mesh.uv),
-        boundary=spec.boundary,
-        within=spec.within,
-        warp=spec.flat,
-        progress=lambda step: tell("optimize", step),
+    solution, vectors = _solved(
+        surface, spec, start, network_mesh.uv, lambda step: tell("optimize", step)
     )
     mesh = start.with_vertices(solution.blocks["vertices"])
     clock.lap("optimize")
     tell("offset", None)
-    vectors = offset_vectors(mesh, spec.kind)
     layers = tuple(offset_layer(mesh, vectors, distance) for distance in spec.distances)
     support = _support(mesh, vectors, spec.distances)
     clock.lap("offset")
-    trimmed = None
+    trimmed: TrimmedRoof | None = None
+    notes: tuple[str, ...] = ()
     if outline is not None:
         tell("trim", None)
-        trimmed = _trimmed(mesh, layers, support, vectors, outline, min(spec.edges))
+        try:
+            trimmed = _trimmed(mesh, layers, support, vectors, outline, min(spec.edges))
+        except MeshError as error:
+            # A mesh that did not come right is an answer too; its faces cannot be cut.
+            notes = (f"the panels are not cut by the outline: {error}",)
     clock.lap("fabricate")
     return Panelization(
         surface,
@@ -172,7 +179,47 @@ def panelize(
         support,
         trimmed,
         clock.seconds,
+        notes,
     )
+
+
+def _edges(
+    surface: Surface, spec: Spec, inside: Inside | None, outline: PlanOutline | None
+) -> tuple[float, float]:
+    """Wanted edges: one length for a mesh with edge offsets is shared between the families.
+
+    Its Gauss image has faces near to squares. Where a curvature changes its sign there is none,
+    and the edges stay as they are.
+    """
+    first, second = spec.edges
+    if spec.kind != EDGE_OFFSET or spec.network != "principal" or first != second:
+        return spec.edges
+    with suppress(NetworkError):
+        return square_edges(surface, region_samples(surface, inside, outline, 40)[0], first)
+    return spec.edges
+
+
+def _solved(
+    surface: Surface, spec: Spec, start: QuadMesh, uv: Floats, told: Callable[[Step], None]
+) -> tuple[Solution, OffsetVectors]:
+    """The optimised vertices, and the offset vectors of the mesh."""
+    reference = SurfaceReference(surface, uv)
+    if spec.kind == EDGE_OFFSET:
+        normals = shape_data(surface.jet(uv)).normal
+        # A start that was turned over has its normals on the other side.
+        side = np.sign(float(np.einsum("vi,vi->", normals, start.vertex_normals)))
+        return edge_offset_solution(start, reference, side * normals, told)
+    solution = optimized(
+        spec.kind,
+        start,
+        reference,
+        boundary=spec.boundary,
+        within=spec.within,
+        warp=spec.flat,
+        progress=told,
+    )
+    mesh = start.with_vertices(solution.blocks["vertices"])
+    return solution, offset_vectors(mesh, spec.kind)
 
 
 def _inside(

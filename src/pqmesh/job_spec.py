@@ -22,6 +22,8 @@ LARGEST_EXTENT = 1e50
 # plan may exceed the outline's by this factor, beside what the samples along the rim leave open.
 FOLDED, STACKED = 0.002, 1.02
 SHEET_SAMPLES = (120, 120)
+# The kind whose mesh is not solved for but fitted: see `koebe.best`.
+EDGE_OFFSET = "edge-offset"
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class Spec:
     edges : (float, float)
         Wanted panel edge along the lines of the first and of the second family; of larger and
         of smaller principal curvature in a principal network.
-    kind : 'planar', 'conical' or 'circular'
+    kind : 'planar', 'conical', 'circular' or 'edge-offset'
     network : 'principal', 'uv', 'geodesic' or 'conjugate'
     given : Given, optional
         The family that a conjugate or geodesic network starts from.

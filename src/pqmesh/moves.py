@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 import pqmesh
 from pqmesh.errors import SpecError
+from pqmesh.koebe.edge_offset import edge_offset_vectors
 from pqmesh.mesh.measure import circularity_defect
 from pqmesh.mesh.quadmesh import QuadMesh
-from pqmesh.offset.offsets import (
+from pqmesh.offset.distances import (
+    edge_distance,
     edge_factors,
     face_distance,
     parallel_error,
@@ -22,7 +23,7 @@ from pqmesh.offset.vectors import OffsetVectors, face_offset_vectors, vertex_off
 from pqmesh.report import SCHEMA, all_measures, mesh_counts
 from pqmesh.transform.laguerre import LaguerreTransform
 from pqmesh.transform.moebius import MoebiusTransform
-from pqmesh.vectors import Floats, cross, norm
+from pqmesh.vectors import Floats
 
 # Error per unit distance up to which an offset is exact; and of planarity, cones and circles.
 EXACT = 1e-6
@@ -46,7 +47,7 @@ def offset_mesh(
     Raises
     ------
     SpecError
-        When the distance is zero or no number, or this release has no edge offsets.
+        When the distance is zero or no number.
 
     Examples
     --------
@@ -154,15 +155,7 @@ def _vectors(mesh: QuadMesh, kind: str) -> OffsetVectors:
         return face_offset_vectors(mesh)
     if kind == "vertex":
         return vertex_offset_vectors(mesh)
-    try:
-        module = import_module("pqmesh.koebe.edge_offset")
-    except ModuleNotFoundError:
-        raise SpecError(
-            "An edge offset needs the part pqmesh.koebe; it is not in this release. Use --kind "
-            "face on a conical mesh or --kind vertex on a circular one."
-        ) from None
-    found: OffsetVectors = module.edge_offset_vectors(mesh)
-    return found
+    return edge_offset_vectors(mesh)
 
 
 def _distance_error(mesh: QuadMesh, moved: QuadMesh, kind: str, distance: float) -> float:
@@ -172,9 +165,7 @@ def _distance_error(mesh: QuadMesh, moved: QuadMesh, kind: str, distance: float)
     elif kind == "vertex":
         gaps = vertex_distance(mesh, moved) - abs(distance)
     else:
-        along = mesh.edge_vectors / mesh.edge_lengths[:, None]
-        steps = (moved.vertices - mesh.vertices)[mesh.edges[:, 0]]
-        gaps = norm(cross(steps, along)) - abs(distance)
+        gaps = edge_distance(mesh, moved) - abs(distance)
     return float(np.abs(gaps).max())
 
 

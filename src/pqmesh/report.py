@@ -71,14 +71,14 @@ def panelization_report(
         "orientation": result.orientation,
         "mesh": mesh_counts(mesh),
         "before": all_measures(result.start, result.spec.kind),
-        "after": all_measures(mesh, result.spec.kind),
+        "after": all_measures(mesh, result.spec.kind, result.vectors.axes),
         "deviation": deviation(result.start, mesh, reference),
         "network": _network(result, origin),
         "layers": [_layer(layer) for layer in result.layers],
         "support": _support(result.support),
         "panels": _panels(result),
         "solver": solver_report(result.solution),
-        "warnings": [*notes, *roof_warnings(result, origin)],
+        "warnings": [*notes, *result.notes, *roof_warnings(result, origin)],
     }
     report["tolerance"] = _tolerance(report, design.tolerances)
     return report
@@ -105,7 +105,7 @@ def optimization_report(
         "input": source,
         "mesh": mesh_counts(mesh),
         "before": all_measures(start, kind),
-        "after": all_measures(mesh, kind),
+        "after": all_measures(mesh, kind, solution.blocks.get("image")),
         "deviation": deviation(start, mesh, reference),
         "solver": solver_report(solution),
     }
@@ -116,6 +116,10 @@ def optimization_report(
     if kind == "circular":
         asked["circular"] = 1e-6
         reached["circular"] = float(np.abs(circularity_defect(mesh)).max())
+    if kind == "edge-offset":
+        asked["edge-offset"], reached["edge-offset"] = 1e-6, solution.residuals["edge distance"]
+        # The exact mesh may lie anywhere: without a wish it is judged as in a design.
+        within = 0.05 * start.mean_edge_length if within is None else within
     if within is not None:
         asked["deviation"], reached["deviation"] = within, report["deviation"]["max"]
     report["tolerance"] = [_judged(key, asked[key], reached[key]) for key in asked]
@@ -139,10 +143,13 @@ def mesh_counts(mesh: PolyMesh) -> dict[str, int]:
     }
 
 
-def all_measures(mesh: QuadMesh, kind: str) -> dict[str, Any]:
-    """Measures of the mesh with the twist of its node axes."""
+def all_measures(mesh: QuadMesh, kind: str, axes: Floats | None = None) -> dict[str, Any]:
+    """Measures of the mesh with the twist of its node axes: given ones, or those of its kind."""
     found: dict[str, Any] = measures(mesh)
     found["twist_max_deg"] = None
+    if kind == "edge-offset" and axes is not None:
+        found["twist_max_deg"] = float(np.degrees(twist(mesh, axes).max()))
+        return found
     # Axes of circular meshes are those of the vertex offset; a mesh in pieces has none.
     in_one_piece = mesh.topology.components.max() == 0
     # Nor has one with collapsed edges.
@@ -214,8 +221,11 @@ def _layer(layer: Layer) -> dict[str, Any]:
 def _support(support: SupportStructure | None) -> dict[str, Any] | None:
     if support is None:
         return None
+    depth = support.depths
     return {
         "quads": len(support.quads),
+        "depth_min": float(depth.min()),
+        "depth_max": float(depth.max()),
         "twist_max_deg": float(np.degrees(support.twist.max())),
         "planarity_max_length": float(support.planarity_deviation.max()),
     }
@@ -225,13 +235,15 @@ def _panels(result: Panelization) -> dict[str, Any]:
     """Panels as they are made: cut where there is an outline."""
     cut = result.trimmed
     if cut is None:
+        # With an outline nothing counts as covered until it is cut.
+        share = None if result.outline is None else 0.0
         return {
             "count": result.mesh.topology.n_faces,
             "trimmed": 0,
             "slivers": 0,
             "area_total": float(norm(result.mesh.face_area_vectors).sum()),
             "planarity_max_length": None,
-            "covered_share": None,
+            "covered_share": share,
             "edge_beams": [],
             "layers": [],
         }

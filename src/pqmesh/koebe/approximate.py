@@ -34,7 +34,7 @@ from pqmesh.optimize.terms import Closeness, Planarity, anchor, fairness
 from pqmesh.optimize.terms.linear import Combination
 from pqmesh.surface.base import Surface
 from pqmesh.surface.curvature import shape_data
-from pqmesh.surface.reference import SurfaceReference, TriangleReference
+from pqmesh.surface.reference import Reference, SurfaceReference, TriangleReference
 from pqmesh.vectors import Floats, Mask, dot, norm
 
 # Weight of the exact conditions in a step; what they leave over is removed afterwards.
@@ -168,11 +168,36 @@ def approximate_edge_offset(
     >>> fit.figures["deviation_max_pct"] < 0.01, fit.figures["offset_error_max"] < 1e-12
     (True, True)
     """
-    weights = weights or FitWeights()
     normals = shape_data(surface.jet(uv)).normal
+    return fitted_edge_offset(
+        start,
+        SurfaceReference(surface, uv),
+        normals,
+        weights=weights,
+        most_steps=most_steps,
+        progress=progress,
+    )
+
+
+def fitted_edge_offset(
+    start: QuadMesh,
+    reference: Reference,
+    normals: Floats,
+    *,
+    weights: FitWeights | None = None,
+    most_steps: int = 40,
+    progress: Callable[[int, float], None] | None = None,
+) -> EdgeOffsetFit:
+    """The same near any reference, from unit normals (V, 3) at the vertices of the start.
+
+    Raises
+    ------
+    MeshError
+        When the start is no disc, or its normals lead to no pattern of circles.
+    """
+    weights = weights or FitWeights()
     image = QuadMesh(koebe_near(start.topology, normals), start.topology)
     mesh = parallel_member(image, start.vertices, normals, weights.slide)
-    reference = SurfaceReference(surface, uv)
     before = norm(mesh.vertices - reference.closest(mesh.vertices)[0])
     search = _Search.of(start, mesh, image, reference, weights)
     value = search.value
@@ -210,7 +235,7 @@ class _Search:
         start: QuadMesh,
         mesh: QuadMesh,
         image: QuadMesh,
-        reference: SurfaceReference,
+        reference: Reference,
         weights: FitWeights,
     ) -> _Search:
         """The search from a first pair."""

@@ -28,6 +28,15 @@ class SupportStructure:
     twist: Floats
 
     @property
+    def depths(self) -> Floats:
+        """Distance of the upper from the lower side of each web, shape (E,), model unit.
+
+        One number for all webs where the mesh has edge offsets: beams of one depth.
+        """
+        a, b, _, d = np.moveaxis(self.quads, 1, 0)
+        return norm(cross(unit(b - a), d - a))
+
+    @property
     def planarity_deviation(self) -> Floats:
         """Distance of the diagonals of each web, shape (E,), model unit."""
         a, b, c, d = np.moveaxis(self.quads, 1, 0)
