@@ -15,10 +15,11 @@ from pqmesh.network.meshing import quads_from_network
 from pqmesh.offset.distances import edge_distance
 from pqmesh.optimize.problem import gathered
 from pqmesh.surface.analytic import shape_surface
+from pqmesh.surface.closest import closest_point
 from pqmesh.surface.curvature import shape_data
 from pqmesh.surface.formula import graph_surface
 from pqmesh.surface.umbilics import conjugacy_defect
-from pqmesh.vectors import cross, dot, norm
+from pqmesh.vectors import cross, dot, norm, unit
 
 SIX = (-6.0, 6.0)
 DOME = (graph_surface("-0.05*x**2-0.08*y**2", SIX, SIX), (0.3, 0.2), (1.5, 2.0))
@@ -155,6 +156,21 @@ def test_deviation_is_measured_on_the_surface_and_both_ways():
 def test_free_surface_keeps_a_distance_that_refinement_does_not_lower():
     coarse, fine = (fitted(FREE, n)[1] for n in (8, 16))
     assert 0.4 < fine.deviation.max() / coarse.deviation.max() < 2.5
+
+
+def test_panels_stay_off_the_surface_by_the_rise_of_its_curves():
+    # The middle of a flat panel of a dome: (k_1 e_1^2 + k_2 e_2^2) / 8 beneath it.
+    _, fit = fitted(DOME, 10)
+    surface = DOME[0]
+    edges = fit.mesh.edge_vectors[fit.mesh.topology.face_edges].reshape(-1, 4, 3)
+    jet = closest_point(surface, fit.mesh.face_centers).jet
+    shape = shape_data(jet)
+    rise = np.zeros(len(edges))
+    for side in (0, 1):
+        mean = 0.5 * (norm(edges[:, side]) + norm(edges[:, side + 2]))
+        along = np.abs(np.einsum("fdi,fi->fd", shape.directions, unit(edges[:, side])))
+        rise += np.abs(shape.k[np.arange(len(rise)), along.argmax(axis=1)]) * mean**2 / 8
+    assert np.abs(fit.panel_deviation / rise - 1.0).max() < 0.02
 
 
 def test_stronger_anchor_slides_less():

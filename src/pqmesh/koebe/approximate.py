@@ -75,6 +75,8 @@ class EdgeOffsetFit:
         Distance of the vertices of M from the surface.
     member_deviation : (V,), model unit
         The same after step 2: what linear fitting alone gives.
+    panel_deviation : (F,), model unit
+        Distance of the middles of the panels from the surface: mostly that panels are flat.
     steps : int
         Joint steps taken.
     """
@@ -84,6 +86,7 @@ class EdgeOffsetFit:
     start: QuadMesh
     deviation: Floats
     member_deviation: Floats
+    panel_deviation: Floats
     steps: int
 
     @cached_property
@@ -112,6 +115,7 @@ class EdgeOffsetFit:
             "deviation_rms_pct": _rms(self.deviation) / edge,
             "member_max_pct": float(self.member_deviation.max()) / edge,
             "member_rms_pct": _rms(self.member_deviation) / edge,
+            "panel_max_pct": float(self.panel_deviation.max()) / edge,
             "uncovered_max_pct": float(self.uncovered.max()) / edge,
             "moved_max_pct": float(norm(self.mesh.vertices - self.start.vertices).max()) / edge,
             "tangency_max": float(np.abs(tangency_deviation(self.image)).max()),
@@ -198,7 +202,7 @@ def fitted_edge_offset(
     weights = weights or FitWeights()
     image = QuadMesh(koebe_near(start.topology, normals), start.topology)
     mesh = parallel_member(image, start.vertices, normals, weights.slide)
-    before = norm(mesh.vertices - reference.closest(mesh.vertices)[0])
+    before = _distances(reference, mesh.vertices)
     search = _Search.of(start, mesh, image, reference, weights)
     value = search.value
     for number in range(most_steps):
@@ -212,8 +216,9 @@ def fitted_edge_offset(
         if value > (1.0 - WORTH) * before_value:
             break
     mesh = search.mesh
-    after = norm(mesh.vertices - reference.closest(mesh.vertices)[0])
-    return EdgeOffsetFit(mesh, search.image, start, after, before, search.count)
+    after = _distances(reference, mesh.vertices)
+    panels = _distances(SurfaceReference(surface), mesh.face_centers)
+    return EdgeOffsetFit(mesh, search.image, start, after, before, panels, search.count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,6 +335,11 @@ class _Search:
             for goal in self.problem.goals
         )
         return replace(self, mesh=mesh, image=image, problem=Problem(found, goals)), None
+
+
+def _distances(reference: SurfaceReference, points: Floats) -> Floats:
+    """Distances of points from a surface."""
+    return norm(points - reference.closest(points)[0])
 
 
 def _rms(values: Floats) -> float:

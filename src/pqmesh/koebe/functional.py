@@ -115,18 +115,17 @@ def _newton(corners: Indices, angles: Floats, start: Floats, free: Mask) -> Floa
             break
         if not np.isfinite(step).all():
             break
-        rho, gaps = _line_search(corners, angles, rho, free, step, gaps)
+        rho = _line_search(corners, angles, rho, free, step)
+        gaps = angle_gaps(corners, angles, rho)
         if np.ptp(rho) > RUNAWAY:
             break
     return rho
 
 
-def _line_search(
-    corners: Indices, angles: Floats, rho: Floats, free: Mask, step: Floats, gaps: Floats
-) -> tuple[Floats, Floats]:
+def _line_search(corners: Indices, angles: Floats, rho: Floats, free: Mask, step: Floats) -> Floats:
     """Point along a step of a convex function where its slope is no steeper than before."""
     share = min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
-    slope = abs(float(gaps[free] @ step))
+    slope = abs(float(angle_gaps(corners, angles, rho)[free] @ step))
     for _ in range(MOST_HALVINGS):
         moved = rho.copy()
         moved[free] += share * step
@@ -134,7 +133,7 @@ def _line_search(
         if abs(float(found[free] @ step)) <= 0.9 * slope + 1e-14 * float(np.abs(step).sum()):
             break
         share *= 0.5
-    return moved, found
+    return moved
 
 
 def _check_sum(corners: Indices, angles: Floats) -> None:

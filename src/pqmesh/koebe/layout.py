@@ -129,7 +129,8 @@ def _chained(rounds: Rounds, radii: Floats, along: Floats, finite: Mask) -> tupl
     weight = 1.0 / np.minimum(radii[tail], radii[head])
     graph = coo_array((weight, (tail, head)), shape=(n, n)).tocsr()
     tree = minimum_spanning_tree(graph)
-    root = int(np.where(finite, radii, -1.0).argmax())
+    # At the smallest circle: near the origin coordinates have digits to spare.
+    root = int(np.where(finite, radii, np.inf).argmin())
     order, before = breadth_first_order(tree, root, directed=False)
     if len(order) < finite.sum():
         raise MeshError(

@@ -11,10 +11,12 @@ from pqmesh.koebe.layout import Rounds, centred, contacts, planar_circles
 from pqmesh.koebe.polish import polished
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.mesh.topology import Topology
-from pqmesh.vectors import Floats, Indices, dot, norm
+from pqmesh.vectors import Floats, dot, norm
 
 # Contact worse than this means that circles are too small for double precision.
 CONTACT = 1e-9
+# Edges whose contact is sent to infinity, one after the other, until the layout is precise enough.
+MOST_TRIES = 4
 
 
 def koebe_polyhedron(topology: Topology) -> PolyMesh:
@@ -47,21 +49,19 @@ def koebe_polyhedron(topology: Topology) -> PolyMesh:
     """
     check_polyhedral(topology)
     rounds = Rounds.of(topology)
-    ends, sides = _edge_at_infinity(topology)
-    radii = np.full(topology.n_vertices + topology.n_faces, np.inf)
-    lines = np.concatenate([ends, topology.n_vertices + sides])
-    inner = np.setdiff1d(np.arange(len(radii)), lines)
-    radii[inner] = np.exp(_radii_beside(rounds, lines, inner))
-    circles = planar_circles(rounds, radii)
-    edges = topology.edges
-    circles = centred(circles, contacts(circles, edges))
-    circles, error = polished(circles, rounds.corners, edges)
+    edge = _edge_of_largest(topology)
+    for _ in range(MOST_TRIES):
+        logs = _radii_beside(topology, rounds, edge)
+        circles, error = _on_sphere(topology, rounds, logs)
+        if error < CONTACT:
+            break
+        edge = _edge_of_middle(topology, logs)
     if not error < CONTACT:
         raise MeshError(
             f"The circles must be large enough for double precision; contact stays at "
             f"{error:.3g}. Use a graph whose valences are more even."
         )
-    circles = centred(circles, contacts(circles, edges))
+    circles = centred(circles, contacts(circles, topology.edges))
     vertices = circles[: topology.n_vertices]
     kind = QuadMesh if topology.is_quad else PolyMesh
     return kind(vertices[:, :3] / vertices[:, 3:], topology)
@@ -149,26 +149,47 @@ def _check_shared(topology: Topology) -> None:
         )
 
 
-def _edge_at_infinity(topology: Topology) -> tuple[Indices, Indices]:
-    """Ends and faces of the edge whose point of contact goes to infinity.
+def _edge_of_largest(topology: Topology) -> int:
+    """Edge whose point of contact goes to infinity: the one with the largest valences and faces.
 
-    The one with the largest valences and faces: their circles are the largest, and as lines they
-    leave the others more alike.
+    Their circles are the largest, and as lines they leave the others more alike.
     """
     weight = topology.valence[topology.edges].sum(axis=1)
     weight = weight + topology.face_sizes[topology.edge_faces].sum(axis=1)
-    edge = int(weight.argmax())
-    return topology.edges[edge], topology.edge_faces[edge]
+    return int(weight.argmax())
 
 
-def _radii_beside(rounds: Rounds, lines: Indices, inner: Indices) -> Floats:
-    """Logarithms of the radii of all circles but the four that are lines."""
-    number = np.full(int(rounds.circle.max()) + 1, -1, dtype=np.int64)
+def _edge_of_middle(topology: Topology, logs: Floats) -> int:
+    """Edge whose circles are of the middle size in the plane, by logarithms.
+
+    With its contact at infinity the largest and the smallest circles come to lie on the same side
+    of the range, which is so cut in half.
+    """
+    known = np.where(np.isfinite(logs), logs, logs[np.isfinite(logs)].max())
+    around = np.column_stack([topology.edges, topology.n_vertices + topology.edge_faces])
+    middle = 0.5 * (known.min() + known.max())
+    return int(np.abs(known[around].mean(axis=1) - middle).argmin())
+
+
+def _radii_beside(topology: Topology, rounds: Rounds, edge: int) -> Floats:
+    """Logarithms of all radii, infinite for the four circles of an edge, which are lines."""
+    count = topology.n_vertices + topology.n_faces
+    lines = np.concatenate([topology.edges[edge], topology.n_vertices + topology.edge_faces[edge]])
+    inner = np.setdiff1d(np.arange(count), lines)
+    number = np.full(count, -1, dtype=np.int64)
     number[inner] = np.arange(len(inner))
     pairs = number[rounds.corners]
     beside = (pairs >= 0).sum(axis=1) == 1
     # Seen from a circle, the kite with a line opens by pi.
     cut = np.bincount(pairs[beside].max(axis=1), minlength=len(inner))
-    return log_radii(
-        pairs[(pairs >= 0).all(axis=1)], np.asarray(np.pi * (2.0 - cut), dtype=np.float64)
-    )
+    angles = np.asarray(np.pi * (2.0 - cut), dtype=np.float64)
+    logs = np.full(count, np.inf)
+    logs[inner] = log_radii(pairs[(pairs >= 0).all(axis=1)], angles)
+    return logs
+
+
+def _on_sphere(topology: Topology, rounds: Rounds, logs: Floats) -> tuple[Floats, float]:
+    """Circles on the sphere in exact contact, and the error that remains."""
+    circles = planar_circles(rounds, np.exp(logs))
+    circles = centred(circles, contacts(circles, topology.edges))
+    return polished(circles, rounds.corners, topology.edges)
