@@ -9,6 +9,7 @@ import numpy as np
 
 import pqmesh
 from pqmesh.errors import MeshError
+from pqmesh.koebe.edge_offset import edge_offset_space
 from pqmesh.mesh.cones import vertex_types
 from pqmesh.mesh.measure import (
     circularity_defect,
@@ -21,7 +22,7 @@ from pqmesh.mesh.measure import (
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.offset.distances import KINDS
 from pqmesh.offset.parallel import parallel_space
-from pqmesh.offset.spaces import SPACES, offset_space
+from pqmesh.offset.spaces import offset_space
 from pqmesh.report import SCHEMA, all_measures, mesh_counts
 
 # An edge shorter than this share of the mean is listed as tiny.
@@ -59,7 +60,7 @@ def check_report(
         "planar": flat,
         "circular": bool(flat and np.abs(circularity_defect(mesh)).max() <= tolerance),
         "conical": bool(flat and (spread is None or spread <= tolerance)),
-        "edge_offset": None if offsets["edge"] is None else offsets["edge"]["exists"],
+        "edge_offset": offsets["edge"]["exists"],
         "vertex_types": dict(sorted(Counter(map(str, vertex_types(mesh).values())).items())),
         "parallel_dimension": dimension,
         "parallel_gap": gap,
@@ -87,8 +88,7 @@ def check_lines(report: dict[str, Any]) -> list[str]:
             f"(gap {report['parallel_gap']:.3g})"
         )
     for kind, offset in report["offsets"].items():
-        if offset is not None:
-            lines.append(_offset_line(kind, offset))
+        lines.append(_offset_line(kind, offset))
     if report["vertex_types"]:
         types = ", ".join(f"{count} {name}" for name, count in report["vertex_types"].items())
         lines.append(f"vertices  {types}")
@@ -105,7 +105,8 @@ def _offset_line(kind: str, offset: dict[str, Any]) -> str:
     error = f"error {offset['error']:.3g} per unit"
     if not offset["exists"]:
         return f"{name:13} no, best {error}"
-    return f"{name:13} yes, {offset['family_dimension']} parameters, {error}"
+    family = offset["family_dimension"]
+    return f"{name:13} yes, {'' if family is None else f'{family} parameters, '}{error}"
 
 
 def _parallel(mesh: QuadMesh, listed: list[dict[str, Any]]) -> tuple[int | None, float | None]:
@@ -120,12 +121,14 @@ def _parallel(mesh: QuadMesh, listed: list[dict[str, Any]]) -> tuple[int | None,
 
 def _offsets(
     mesh: QuadMesh, kind: str, tolerance: float, listed: list[dict[str, Any]]
-) -> dict[str, Any] | None:
-    """What is known of the offsets of a kind; None for a kind that has no module."""
-    if kind not in SPACES:
-        return None
+) -> dict[str, Any]:
+    """What is known of the offsets of a kind."""
     try:
-        found = offset_space(mesh, kind, tolerance)
+        found = (
+            edge_offset_space(mesh, tolerance)
+            if kind == "edge"
+            else offset_space(mesh, kind, tolerance)
+        )
     except MeshError as error:
         listed.append({"kind": f"{kind}_offset_undecided", "where": [], "text": str(error)})
         keys = ("exists", "family_dimension", "error", "parallel_error")

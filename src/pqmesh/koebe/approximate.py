@@ -217,7 +217,7 @@ def fitted_edge_offset(
             break
     mesh = search.mesh
     after = _distances(reference, mesh.vertices)
-    panels = _distances(SurfaceReference(surface), mesh.face_centers)
+    panels = _distances(reference, mesh.face_centers)
     return EdgeOffsetFit(mesh, search.image, start, after, before, panels, search.count)
 
 
@@ -337,7 +337,7 @@ class _Search:
         return replace(self, mesh=mesh, image=image, problem=Problem(found, goals)), None
 
 
-def _distances(reference: SurfaceReference, points: Floats) -> Floats:
+def _distances(reference: Reference, points: Floats) -> Floats:
     """Distances of points from a surface."""
     return norm(points - reference.closest(points)[0])
 

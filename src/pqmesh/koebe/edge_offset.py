@@ -16,13 +16,15 @@ import numpy as np
 from pqmesh.errors import MeshError
 from pqmesh.koebe.edge_cones import edge_cones
 from pqmesh.linear import SymmetricPattern
+from pqmesh.mesh.measure import planarity
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
+from pqmesh.offset.spaces import OffsetSpace, turned_edges
 from pqmesh.offset.vectors import OffsetVectors
 from pqmesh.vectors import TINY, Floats, Indices, cross, dot, norm, unit
 
 # Largest error at which an image counts as one.
 EXACT = 1e-9
-MOST_STEPS, DAMPING, ENOUGH = 60, 1e-8, 1e-15
+MOST_STEPS, FEW_STEPS, DAMPING, ENOUGH = 60, 4, 1e-8, 1e-15
 # Free dimensions are counted by singular values, up to this many unknowns.
 DENSE, RANK_TOLERANCE = 900, 1e-7
 # An image with a shorter edge is none: translations have all edges of length 0.
@@ -86,6 +88,25 @@ def edge_offset_test(mesh: QuadMesh, tolerance: float = EXACT) -> EdgeOffset:
     return EdgeOffset(True, image, error, _free_dimensions(mesh, image))
 
 
+def edge_offset_space(mesh: QuadMesh, tolerance: float) -> OffsetSpace:
+    """The edge offsets of a mesh, as `offset.spaces` has those of vertices and faces.
+
+    Examples
+    --------
+    >>> from pqmesh.mesh.solids import cube
+    >>> space = edge_offset_space(cube(), 1e-6)
+    >>> space.exists, space.family_dimension, space.error < 1e-12
+    (True, 0, True)
+    """
+    # A mesh that is not flat has none, and how near it comes need not be known to many digits.
+    is_flat = float(planarity(mesh).max()) <= tolerance
+    image = nearest_image(mesh, MOST_STEPS if is_flat else FEW_STEPS)
+    error = image_error(mesh, image)
+    exists = is_flat and error <= tolerance and not _collapsed(mesh, image)
+    family = _free_dimensions(mesh, image) if exists else None
+    return OffsetSpace("edge", exists, family, image, error, *turned_edges(mesh, image))
+
+
 def edge_offset_vectors(mesh: QuadMesh) -> OffsetVectors:
     """Vectors s whose edge lines have distance 1 from the origin, as nearly as the mesh allows.
 
@@ -127,7 +148,7 @@ def image_error(mesh: PolyMesh, image: Floats) -> float:
     return float(np.abs(np.concatenate([across, first - 1.0, second - 1.0])).max(initial=0.0))
 
 
-def nearest_image(mesh: PolyMesh) -> Floats:
+def nearest_image(mesh: PolyMesh, most_steps: int = MOST_STEPS) -> Floats:
     """Vectors s that come nearest to edges parallel to the mesh's and touching the sphere.
 
     Least squares over all edges, by Gauss and Newton, from the cones through the edges of interior
@@ -142,7 +163,8 @@ def nearest_image(mesh: PolyMesh) -> Floats:
         )
     start, best, least = _start(mesh), np.empty((0, 3)), np.inf
     for swell in _swells(mesh):
-        image = _fitted(mesh, start + swell * (mesh.vertices - mesh.vertices.mean(axis=0)))
+        swollen = start + swell * (mesh.vertices - mesh.vertices.mean(axis=0))
+        image = _fitted(mesh, swollen, most_steps)
         error = image_error(mesh, image) + (np.inf if _collapsed(mesh, image) else 0.0)
         if error < least or not len(best):
             best, least = image, error
@@ -167,12 +189,12 @@ def _collapsed(mesh: PolyMesh, image: Floats) -> bool:
     return bool(norm(image[j] - image[i]).min() <= COLLAPSED)
 
 
-def _fitted(mesh: PolyMesh, image: Floats) -> Floats:
+def _fitted(mesh: PolyMesh, image: Floats, most_steps: int) -> Floats:
     """Least-squares image near a start, by Gauss and Newton."""
     columns = (3 * mesh.edges[:, :, None] + np.arange(3)).reshape(-1, 6)
     pattern = _pattern(columns, image.size)
     residual, damping = _residual(mesh, image), DAMPING
-    for _ in range(MOST_STEPS):
+    for _ in range(most_steps):
         slopes = _slopes(mesh, image)
         rhs = -np.bincount(
             columns.ravel(), np.einsum("era,er->ea", slopes, residual).ravel(), image.size

@@ -123,11 +123,11 @@ def face_offset_space(mesh: QuadMesh, tolerance: float) -> OffsetSpace:
         dimension if exists else None,
         vectors,
         float(error),
-        *_turned(mesh, vectors),
+        *turned_edges(mesh, vectors),
     )
 
 
-def _turned(mesh: QuadMesh, vectors: Floats) -> tuple[float, float]:
+def turned_edges(mesh: QuadMesh, vectors: Floats) -> tuple[float, float]:
     """Largest move of one end of an edge against the other, across it: inner and boundary."""
     low, high = mesh.edges.T
     along = mesh.edge_vectors / mesh.edge_lengths[:, None]
@@ -166,7 +166,7 @@ def vertex_offset_space(mesh: QuadMesh, tolerance: float) -> OffsetSpace:
         fixed.shape[1] - 1 if exists else None,
         best.vectors,
         max(float(length), best.error),
-        *_turned(mesh, best.vectors),
+        *turned_edges(mesh, best.vectors),
     )
 
 
