@@ -56,7 +56,8 @@ def koebe_disc(
     ------
     MeshError
         When the topology is no disc, a boundary vertex has no value or two, the pattern does not
-        exist, or a circle comes out larger than half of the sphere.
+        exist (circles are numbered as the vertices, then as the faces), or a circle comes out
+        larger than half of the sphere.
 
     References: [bobenkospringborn2004].
 
