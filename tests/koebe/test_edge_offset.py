@@ -58,7 +58,7 @@ def folded(factors):
     """Mesh of revolution parallel to a Koebe mesh, its profile turning back where signs change."""
     image = rotational_koebe(16, -1.2, len(factors) + 1)
     steps = np.diff(image.vertices[::16][:, [0, 2]], axis=0) * np.array(factors)[:, None]
-    profile = [3.0, 0.0] + np.vstack([[0.0, 0.0], np.cumsum(steps, axis=0)])
+    profile = np.array([3.0, 0.0]) + np.vstack([[0.0, 0.0], np.cumsum(steps, axis=0)])
     turns = 2 * np.pi * np.arange(16) / 16
     return image.with_vertices(rotational_mesh(profile, turns, closed=True).vertices), image
 
