@@ -54,6 +54,39 @@ def test_image_of_a_mesh_with_edge_offsets_is_found(name):
     assert (found.image * mesh.vertex_normals).sum() > 0
 
 
+def folded(factors):
+    """Mesh of revolution parallel to a Koebe mesh, its profile turning back where signs change."""
+    image = rotational_koebe(16, -1.2, len(factors) + 1)
+    steps = np.diff(image.vertices[::16][:, [0, 2]], axis=0) * np.array(factors)[:, None]
+    profile = np.array([3.0, 0.0]) + np.vstack([[0.0, 0.0], np.cumsum(steps, axis=0)])
+    turns = 2 * np.pi * np.arange(16) / 16
+    return image.with_vertices(rotational_mesh(profile, turns, closed=True).vertices), image
+
+
+@pytest.mark.parametrize(
+    "factors", [[1, 1, 1, 1, -1, -1, -1], [1, 1, -0.3, 0.5, 1, -1], [1, -1, 1, -1, 1, -1]]
+)
+def test_image_is_found_where_the_mesh_folds_back(factors):
+    mesh, image = folded(factors)
+    found = edge_offset_test(mesh)
+    assert found.exists
+    sign = np.sign((found.image * image.vertices).sum())
+    assert np.abs(sign * found.image - image.vertices).max() < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_image_of_a_wild_member_is_found_whatever_its_sign_classes(seed):
+    image = random_disc(7, 8, seed)
+    rng = np.random.default_rng(seed)
+    wild = image.vertices * rng.normal(size=3) + 0.4 * rng.normal(size=image.vertices.shape)
+    mesh = parallel_member(image, wild)
+    assert len(set(edge_cones(mesh).signs)) > 3
+    found = edge_offset_test(mesh)
+    assert found.exists
+    sign = np.sign((found.image * image.vertices).sum())
+    assert np.abs(sign * found.image - image.vertices).max() < 1e-6
+
+
 def test_boxes_have_one_edge_offset():
     cube = solids.cube()
     for scale in ([1.0, 1.0, 1.0], [1.0, 2.0, 0.3]):

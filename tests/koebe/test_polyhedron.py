@@ -9,7 +9,7 @@ from shapes import random_rotation
 
 from pqmesh.errors import MeshError
 from pqmesh.koebe.functional import angle_gaps, log_radii
-from pqmesh.koebe.layout import Rounds, boost, centred, contacts, lorentz
+from pqmesh.koebe.layout import PlanePattern, Rounds, boost, centred, contacts, lorentz
 from pqmesh.koebe.polyhedron import contact_points, koebe_polyhedron, tangency_deviation
 from pqmesh.mesh import solids
 from pqmesh.mesh.measure import nonconvex_faces
@@ -223,14 +223,27 @@ def test_graph_that_two_vertices_cut_apart_is_refused():
         koebe_polyhedron(Topology(faces, 8))
 
 
-def test_circles_beyond_double_precision_are_refused():
+def stacked(depth):
+    """Tetrahedron with vertices stacked into one triangle: circles shrink like a power."""
     faces, n = [[0, 1, 2], [0, 3, 1], [1, 3, 2], [0, 2, 3]], 4
-    for _ in range(40):
+    for _ in range(depth):
         a, b, c = faces.pop()
         faces += [[a, b, n], [b, c, n], [c, a, n]]
         n += 1
+    return Topology(faces, n)
+
+
+@pytest.mark.parametrize("depth", [10, 20, 30])
+def test_circles_of_very_different_sizes_are_exact(depth):
+    mesh = koebe_polyhedron(stacked(depth))
+    assert mesh.edge_lengths.min() < 3.0 ** -(depth / 3)
+    assert_koebe(mesh, 1e-11)
+
+
+@pytest.mark.parametrize("depth", [40, 80])
+def test_circles_beyond_double_precision_are_refused(depth):
     with pytest.raises(MeshError, match="large enough for double precision"):
-        koebe_polyhedron(Topology(faces, n))
+        koebe_polyhedron(stacked(depth))
 
 
 # --- the functional -----------------------------------------------------------------------------
@@ -260,6 +273,24 @@ def test_given_radii_stay_and_the_others_follow():
 def test_angles_with_a_wrong_sum_are_refused():
     with pytest.raises(MeshError, match=r"pi for each of the 2 corners, 6\.28319; found 3\.14159"):
         log_radii(np.array([[0, 1], [1, 2]]), np.pi * np.array([0.25, 0.5, 0.25]))
+
+
+def test_similarity_of_the_plane_is_a_moebius_map_of_the_sphere():
+    rng = np.random.default_rng(7)
+    centre, radius = rng.normal(size=(2, 6)), rng.uniform(0.1, 1.0, size=6)
+    centre = centre[0] + 1j * centre[1]
+    # Two circles and a line through their centres, orthogonal to both.
+    normal = 1j * (centre[1] - centre[0]) / abs(centre[1] - centre[0])
+    centre[5], radius[5] = normal, np.inf
+    height = np.zeros(6)
+    height[5] = (centre[0] * np.conj(normal)).real
+    pattern = PlanePattern(centre, radius, height)
+    moved = pattern.moved(0.3 - 0.8j, 2.0 + 1.0j)
+    before, after = pattern.lifted(), moved.lifted()
+    products = lorentz(before[:, None], before[None])
+    assert np.allclose(lorentz(after[:, None], after[None]), products, atol=1e-10)
+    assert np.allclose(np.diag(products), 1.0, atol=1e-10)
+    assert np.abs(products[5, :2]).max() < 1e-12
 
 
 def test_boost_keeps_the_lorentz_product():

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from pqmesh.errors import MeshError
 from pqmesh.koebe.functional import log_radii
-from pqmesh.koebe.layout import Rounds, contacts, planar_circles
+from pqmesh.koebe.layout import PlanePattern, Rounds, plane_pattern
 from pqmesh.koebe.polish import polished
 from pqmesh.mesh.planes import face_planes
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
@@ -56,7 +56,8 @@ def koebe_disc(
     ------
     MeshError
         When the topology is no disc, a boundary vertex has no value or two, the pattern does not
-        exist, or a circle comes out larger than half of the sphere.
+        exist (circles are numbered as the vertices, then as the faces), or a circle comes out
+        larger than half of the sphere.
 
     References: [bobenkospringborn2004].
 
@@ -73,12 +74,10 @@ def koebe_disc(
     """
     if not reach > 0.0:
         raise MeshError(f"The reach must be positive; found {reach}. 1 is half of the sphere.")
-    rounds, circles = _pattern(topology, angles, radii)
-    plane = contacts(circles, topology.edges)
-    plane = plane[:, :2] / (1.0 + plane[:, 2:])
-    mean = plane.mean(axis=0)
-    scale = reach / float(np.hypot(*(plane - mean).T).max())
-    circles = moved_in_plane(circles, complex(scale), complex(*(-scale * mean)))
+    rounds, pattern = _pattern(topology, angles, radii)
+    plane = pattern.contacts(topology.edges)
+    scale = reach / float(np.abs(plane - plane.mean()).max())
+    circles = pattern.moved(scale, -scale * complex(plane.mean())).lifted()
     circles, _ = polished(circles, rounds.corners, topology.edges)
     vertices = circles[: topology.n_vertices]
     behind = np.flatnonzero(vertices[:, 3] <= 1e-9 * norm(vertices[:, :3]))
@@ -102,7 +101,7 @@ def planar_radii(mesh: PolyMesh) -> Floats:
 
 def _pattern(
     topology: Topology, angles: ArrayLike | None, radii: ArrayLike | None
-) -> tuple[Rounds, Floats]:
+) -> tuple[Rounds, PlanePattern]:
     """Circles in the plane with given boundary data, and who is whose neighbour."""
     given, known = _boundary_data(topology, angles, radii)
     rounds = Rounds.of(topology)
@@ -111,7 +110,7 @@ def _pattern(
         np.concatenate([given, np.full(topology.n_faces, 2.0 * np.pi)]),
         np.concatenate([known, np.full(topology.n_faces, np.nan)]),
     )
-    return rounds, planar_circles(rounds, np.exp(logs))
+    return rounds, plane_pattern(rounds, np.exp(logs))
 
 
 def _boundary_data(
@@ -175,12 +174,11 @@ def koebe_near(topology: Topology, normals: Floats) -> Floats:
     ends = np.concatenate([i, j])
     sums = np.bincount(ends, np.tile(length, 2), size)[ends]
     radii[ends] = 0.5 * sums / np.bincount(ends, minlength=size)[ends]
-    rounds, circles = _pattern(topology, None, radii)
-    weight = (circles[:size, 3] + circles[:size, 2])[:, None]
-    centre = (circles[:size, :2] / weight) @ np.array([1.0, 1.0j])
-    middle, target = centre.mean(), wanted.mean()
+    rounds, pattern = _pattern(topology, None, radii)
+    centre, target = pattern.centre[:size], wanted.mean()
+    middle = centre.mean()
     factor = np.vdot(centre - middle, wanted - target) / np.vdot(centre - middle, centre - middle)
-    circles = moved_in_plane(circles, complex(factor), complex(target - factor * middle))
+    circles = pattern.moved(complex(factor), complex(target - factor * middle)).lifted()
     circles, _ = polished(circles, rounds.corners, topology.edges)
     return np.asarray(circles[:size, :3] / circles[:size, 3:] @ turn)
 
@@ -212,17 +210,6 @@ def exact_image(image: QuadMesh) -> tuple[QuadMesh, float]:
     circles, error = polished(circles, corners, topology.edges)
     poles = circles[: topology.n_vertices]
     return image.with_vertices(poles[:, :3] / poles[:, 3:]), error
-
-
-def moved_in_plane(circles: Floats, factor: complex, shift: complex) -> Floats:
-    """Circles after the similarity z -> factor z + shift of the plane."""
-    # In the plane: centre p, radius r, with (2p, 1 - p^2 + r^2, 1 + p^2 - r^2) / 2r.
-    weight = circles[:, 3] + circles[:, 2]
-    radius = abs(factor) / weight
-    centre = factor * (circles[:, 0] + 1j * circles[:, 1]) / weight + shift
-    power = np.abs(centre) ** 2 - radius**2
-    rows = np.column_stack([2.0 * centre.real, 2.0 * centre.imag, 1.0 - power, 1.0 + power])
-    return np.asarray(rows / (2.0 * radius[:, None]))
 
 
 def _upright(normals: Floats) -> Floats:

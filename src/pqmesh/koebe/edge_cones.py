@@ -19,8 +19,9 @@ from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.mesh.topology import Stars
 from pqmesh.vectors import Floats, Indices, dot, unit
 
-# Tips that nearly lie on a line leave the axis open; an axis must stand upright on the vertex.
-SPREAD, UPRIGHT = 0.2, 0.5
+# Tips that nearly lie on a line leave the axis open; an axis must stand upright on the vertex. An
+# exact cone needs neither: folded vertices have axes at any angle.
+SPREAD, UPRIGHT, EXACT, LEAST_SPREAD = 0.2, 0.5, 1e-9, 1e-2
 # Classes whose misfits agree to this are told apart by how upright the axis stands.
 AS_GOOD = 1e-9
 # All classes of signs are tried up to this valence, of higher ones those that nature has.
@@ -109,6 +110,8 @@ def _best(mesh: PolyMesh, star: Stars) -> tuple[Floats, Indices, Floats]:
     angles = np.arccos(np.clip(np.einsum("nckj,ncj->nck", tips, axis), -1.0, 1.0))
     misfit = np.abs(angles - angles.mean(axis=2, keepdims=True)).max(axis=2)
     usable = (spread[:, :, 1] > SPREAD) & (np.abs(upright) > UPRIGHT)
+    if spokes.shape[1] > 3:
+        usable |= (spread[:, :, 1] > LEAST_SPREAD) & (misfit < EXACT)
     rank = np.where(usable, misfit, misfit + np.pi)
     near = rank <= rank.min(axis=1, keepdims=True) + AS_GOOD
     best = np.where(near, np.abs(upright), -1.0).argmax(axis=1)

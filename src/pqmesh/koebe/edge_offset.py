@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from pqmesh.errors import MeshError
-from pqmesh.koebe.edge_cones import edge_cones
+from pqmesh.koebe.edge_start import start_image
 from pqmesh.linear import SymmetricPattern
 from pqmesh.mesh.measure import planarity
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.offset.spaces import OffsetSpace, turned_edges
 from pqmesh.offset.vectors import OffsetVectors
-from pqmesh.vectors import TINY, Floats, Indices, cross, dot, norm, unit
+from pqmesh.vectors import TINY, Floats, Indices, cross, dot, norm
 
 # Largest error at which an image counts as one.
 EXACT = 1e-9
@@ -161,7 +161,7 @@ def nearest_image(mesh: PolyMesh, most_steps: int = MOST_STEPS) -> Floats:
             f"Edges must have a direction; edge {a}-{b} has length 0 ({len(short)} such edges). "
             f"Merge its ends."
         )
-    start, best, least = _start(mesh), np.empty((0, 3)), np.inf
+    start, best, least = start_image(mesh), np.empty((0, 3)), np.inf
     for swell in _swells(mesh):
         swollen = start + swell * (mesh.vertices - mesh.vertices.mean(axis=0))
         image = _fitted(mesh, swollen, most_steps)
@@ -214,76 +214,6 @@ def _fitted(mesh: PolyMesh, image: Floats, most_steps: int) -> Floats:
         if norm(step) <= ENOUGH * norm(image.ravel()):
             break
     return image
-
-
-def _start(mesh: PolyMesh) -> Floats:
-    """Cones through the edges inside, carried on to the rim with the edges' factors, (V, 3)."""
-    normals, (i, j) = mesh.vertex_normals, mesh.edges.T
-    # Elsewhere the normals, long enough for edges of their length to touch the sphere.
-    size = len(normals)
-    turn = norm(normals[j] - normals[i])
-    sums = np.bincount(i, turn, size) + np.bincount(j, turn, size)
-    reach = 0.5 * sums / np.maximum(mesh.topology.valence, 1)
-    image = normals * np.sqrt(1.0 + reach**2)[:, None]
-    cones = edge_cones(mesh)
-    image[cones.vertices] = cones.vectors
-    known = np.zeros(size, dtype=np.bool_)
-    known[cones.vertices] = True
-    triples = mesh.topology.straight_triples
-    triples = np.concatenate([triples, triples[:, ::-1]])
-    # Twice: the corners of a grid follow from its rim.
-    for _ in range(2):
-        a, b, c = triples[known[triples[:, :2]].all(axis=1) & ~known[triples[:, 2]]].T
-        factor = _factors(mesh, image, a, b)
-        straight = np.isin(np.arange(size), c)
-        both = np.concatenate([mesh.edges, mesh.edges[:, ::-1]])
-        near, far = both[known[both[:, 0]] & ~known[both[:, 1]] & ~straight[both[:, 1]]].T
-        factor = np.concatenate([factor, _factors(mesh, image, near, far)])
-        ends, places = _carried(
-            mesh, image, np.concatenate([b, near]), np.concatenate([c, far]), factor
-        )
-        total, count = np.zeros((size, 3)), np.bincount(ends, minlength=size)
-        np.add.at(total, ends, places)
-        image[count > 0] = total[count > 0] / count[count > 0, None]
-        known |= count > 0
-    return image
-
-
-def _factors(mesh: PolyMesh, image: Floats, a: Indices, b: Indices) -> Floats:
-    """Length of the image's steps from a to b over the mesh's, signed."""
-    step = mesh.vertices[b] - mesh.vertices[a]
-    return np.asarray(dot(image[b] - image[a], step) / dot(step, step))
-
-
-def _carried(
-    mesh: PolyMesh, image: Floats, near: Indices, far: Indices, factor: Floats
-) -> tuple[Indices, Floats]:
-    """Vertices next to known ones, and where the image may have them.
-
-    Along the edge from b to c the image goes to s_b + f (c - b), until another edge at c touches
-    the sphere. Of the two such f the one nearer in ratio to the expected factor is taken: the
-    other is often 0, a collapsed edge.
-    """
-    tails, heads = np.concatenate([mesh.edges, mesh.edges[:, ::-1]]).T
-    heads = heads[np.argsort(tails, kind="stable")]
-    first = np.concatenate([[0], np.cumsum(mesh.topology.valence)])
-    count = mesh.topology.valence[far]
-    row = np.repeat(np.arange(len(far)), count)
-    other = heads[
-        first[far][row] + np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-    ]
-    row, other = row[other != near[row]], other[other != near[row]]
-    points, b, c = mesh.vertices, near[row], far[row]
-    step, side = points[c] - points[b], unit(points[other] - points[c])
-    start, along = cross(image[b], side), cross(step, side)
-    square = np.maximum(dot(along, along), TINY)
-    middle = -dot(start, along) / square
-    half = np.sqrt(np.maximum(middle**2 - (dot(start, start) - 1.0) / square, 0.0))
-    roots = np.stack([middle - half, middle + half])
-    ratio = roots / np.where(factor == 0.0, 1.0, factor)[row]
-    likeness = np.minimum(ratio, 1.0 / np.where(ratio == 0.0, np.inf, ratio))
-    best = np.take_along_axis(roots, likeness.argmax(axis=0)[None], axis=0)[0]
-    return c, image[b] + best[:, None] * step
 
 
 def _directions(mesh: PolyMesh) -> Floats:

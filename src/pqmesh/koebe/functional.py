@@ -25,11 +25,11 @@ from pqmesh.errors import MeshError
 from pqmesh.linear import SymmetricPattern
 from pqmesh.vectors import Floats, Indices, Mask
 
-MOST_STEPS, MOST_HALVINGS = 60, 30
+MOST_STEPS, MOST_HALVINGS = 90, 30
 # Largest change of a logarithm in one step, and the angle at which a circle counts as closed.
 LONGEST_STEP, CLOSED = 5.0, 1e-9
 # A logarithm that has run so far ahead belongs to a circle that vanishes or fills the plane.
-RUNAWAY = 60.0
+RUNAWAY = 300.0
 
 
 def log_radii(corners: Indices, angles: Floats, known: Floats | None = None) -> Floats:
@@ -148,7 +148,10 @@ def _check_sum(corners: Indices, angles: Floats) -> None:
 
 
 def _unsolvable(corners: Indices, angles: Floats, rho: Floats, given: Mask) -> MeshError:
-    """The error that names a set of circles asking for more angle than there is."""
+    """The error that names a set of circles asking for more angle than there is.
+
+    Where no such set is found the pattern exists, but the iteration did not get there.
+    """
     # Such circles vanish in the iteration: the sets to try are the smallest circles so far.
     order = np.flatnonzero(~given)
     order = order[np.argsort(rho[order], kind="stable")]
@@ -158,6 +161,12 @@ def _unsolvable(corners: Indices, angles: Floats, rho: Floats, given: Mask) -> M
     available, wanted = np.pi * np.cumsum(touched), np.cumsum(angles[order])
     proper = len(order) if given.any() else len(order) - 1
     count = int((wanted - available)[:proper].argmax()) + 1
+    if wanted[count - 1] < available[count - 1] - CLOSED:
+        return MeshError(
+            f"The circles must be large enough for double precision; the radii of this pattern "
+            f"range over a factor of 10^{np.ptp(rho) / np.log(10.0):.0f} and more. Make valences "
+            f"and boundary data more even."
+        )
     named = ", ".join(str(circle) for circle in np.sort(order[: min(count, 5)]))
     return MeshError(
         f"Every set of circles must want less angle than pi for each corner that touches it; "

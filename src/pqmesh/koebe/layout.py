@@ -79,8 +79,86 @@ class Rounds:
 # --- the plane ------------------------------------------------------------------------------
 
 
-def planar_circles(rounds: Rounds, radii: Floats) -> Floats:
-    """Circles of a pattern in the plane as vectors of R^{3,1}, shape (n, 4).
+@dataclass(frozen=True, eq=False)
+class PlanePattern:
+    """Circles and lines in the plane.
+
+    Attributes
+    ----------
+    centre : (n,) complex
+        Of a line the unit normal.
+    radius : (n,)
+        Infinite for lines.
+    height : (n,)
+        Of a line the distance from the origin along its normal, which points to its inner side.
+    """
+
+    centre: Any
+    radius: Floats
+    height: Floats
+
+    def moved(self, factor: complex, shift: complex) -> PlanePattern:
+        """The pattern after the similarity z -> factor z + shift."""
+        finite, size = np.isfinite(self.radius), abs(factor)
+        turned = factor * self.centre
+        normal = turned / size
+        height = size * self.height + (normal * np.conj(shift)).real
+        return PlanePattern(
+            np.where(finite, turned + shift, normal),
+            size * self.radius,
+            np.where(finite, 0, height),
+        )
+
+    def lifted(self) -> Floats:
+        """The circles on the sphere, seen from (0, 0, -1), shape (n, 4)."""
+        finite = np.isfinite(self.radius)
+        radius = np.where(finite, self.radius, 1.0)
+        power = np.abs(self.centre) ** 2 - radius**2
+        x, y, h = self.centre.real, self.centre.imag, self.height
+        circles = np.column_stack([2.0 * x, 2.0 * y, 1.0 - power, 1.0 + power])
+        lines = np.column_stack([x, y, -h, h])
+        return np.where(finite[:, None], circles / (2.0 * radius)[:, None], lines)
+
+    def contacts(self, edges: Indices) -> Any:
+        """Points where the circles of an edge's vertices touch, (E,) complex; may be infinite."""
+        i, j = edges.T
+        i, j = (
+            np.where(np.isfinite(self.radius[j]), i, j),
+            np.where(np.isfinite(self.radius[j]), j, i),
+        )
+        line, both = ~np.isfinite(self.radius[i]), ~np.isfinite(self.radius[j])
+        share = np.where(line, 0.0, self.radius[i]) / np.where(
+            line | both, 1.0, self.radius[i] + self.radius[j]
+        )
+        between = self.centre[i] + share * (self.centre[j] - self.centre[i])
+        # The foot of a circle's centre on the line.
+        along = self.centre[j] * np.conj(self.centre[i])
+        foot = self.centre[j] + self.centre[i] * (self.height[i] - along.real)
+        return np.where(both, np.inf, np.where(line, foot, between))
+
+    def centred(self, edges: Indices) -> PlanePattern:
+        """The pattern placed so that on the sphere the mean of the contacts comes to 0.
+
+        Moebius maps of the sphere are rotations after similarities of the plane, so that these
+        suffice. Small circles keep their digits here, and would lose them under boosts.
+
+        References: [springborn2005].
+        """
+        pattern = self
+        for _ in range(MOST_BOOSTS):
+            step = _centring(_sphere_points(pattern.contacts(edges)))
+            length = float(norm(step))
+            if length < CENTRED:
+                break
+            # The point of the hyperboloid that the boost brings to (0, 1), in the half-space.
+            point = -np.sinh(length) * step / length
+            height = 1.0 / (point[2] + np.cosh(length))
+            pattern = pattern.moved(1.0 / height, -complex(point[0], point[1]))
+        return pattern
+
+
+def plane_pattern(rounds: Rounds, radii: Floats) -> PlanePattern:
+    """Circles of a pattern with given radii in the plane.
 
     The centres are chained along the tree that goes over the largest circles, so that small
     circles, whose angles say least, pass their error on to few others.
@@ -94,19 +172,16 @@ def planar_circles(rounds: Rounds, radii: Floats) -> Floats:
     finite = np.isfinite(radii)
     along = _directions(rounds, radii)
     centre, base = _chained(rounds, radii, along, finite)
-    square = np.abs(centre) ** 2 - np.where(finite, radii, 1.0) ** 2
-    rows = np.column_stack([2.0 * centre.real, 2.0 * centre.imag, 1.0 - square, 1.0 + square])
-    rows /= 2.0 * np.where(finite, radii, 1.0)[:, None]
+    height = np.zeros(len(radii))
     for line in np.flatnonzero(~finite):
         # A circle orthogonal to the line has its centre on it and sees it across.
         entries = np.arange(rounds.first[line], rounds.first[line + 1])
         around = rounds.neighbor[entries]
         best = int(np.where(finite[around], radii[around], -1.0).argmax())
         other, entry = around[best], rounds.back[entries[best]]
-        normal = np.exp(1j * (base[other] + along[entry]))
-        height = float((centre[other] * normal.conjugate()).real)
-        rows[line] = normal.real, normal.imag, -height, height
-    return np.asarray(rows)
+        centre[line] = np.exp(1j * (base[other] + along[entry]))
+        height[line] = (centre[other] * np.conj(centre[line])).real
+    return PlanePattern(centre, radii, height)
 
 
 def _directions(rounds: Rounds, radii: Floats) -> Floats:
@@ -163,26 +238,39 @@ def contacts(circles: Floats, edges: Indices) -> Floats:
 def centred(circles: Floats, points: Floats) -> Floats:
     """Circles after the Moebius map that brings the mean of some points of the sphere to 0.
 
-    The map is unique up to rotation when no point carries half of them: the minimum of
-    sum log(p_4 - t . p) over the hyperboloid, found by Newton's method, one boost a step.
+    The map is unique up to rotation when no point carries half of them.
 
     References: [springborn2005].
     """
     total, current = np.eye(4), points
     for _ in range(MOST_BOOSTS):
-        mean = current.mean(axis=0)
-        if norm(mean) < CENTRED:
+        step = _centring(current)
+        if norm(step) < CENTRED:
             break
-        spread = np.eye(3) - current.T @ current / len(current)
-        step = -np.linalg.solve(spread, mean)
-        length = float(norm(step))
-        matrix = boost(step * min(1.0, LONGEST_BOOST / length))
-        total = matrix @ total
+        total = boost(step) @ total
         moved = points @ total[:, :3].T + total[:, 3]
         current = moved[:, :3] / norm(moved[:, :3])[:, None]
-        if length < 1e-15:
-            break
     return np.asarray(circles @ total.T)
+
+
+def _centring(points: Floats) -> Floats:
+    """Rapidity (3,) of the boost towards mean 0, none that is too long.
+
+    Newton's step to the minimum of sum log(p_4 - t . p) over the hyperboloid.
+    """
+    spread = np.eye(3) - points.T @ points / len(points)
+    step = -np.linalg.solve(spread, points.mean(axis=0))
+    return np.asarray(step * min(1.0, LONGEST_BOOST / max(float(norm(step)), 1e-300)))
+
+
+def _sphere_points(plane: Any) -> Floats:
+    """Points of the sphere over points of the plane (n,), seen from (0, 0, -1)."""
+    away = ~np.isfinite(plane)
+    z = np.where(away, 0.0, plane)
+    square = np.abs(z) ** 2
+    points = np.column_stack([2.0 * z.real, 2.0 * z.imag, 1.0 - square]) / (1.0 + square)[:, None]
+    points[away] = [0.0, 0.0, -1.0]
+    return np.asarray(points)
 
 
 def boost(rapidity: Floats) -> Floats:

@@ -7,7 +7,7 @@ from scipy.sparse import coo_array
 
 from pqmesh.errors import MeshError
 from pqmesh.koebe.functional import log_radii
-from pqmesh.koebe.layout import Rounds, centred, contacts, planar_circles
+from pqmesh.koebe.layout import Rounds, centred, contacts, plane_pattern
 from pqmesh.koebe.polish import polished
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.mesh.topology import Topology
@@ -190,6 +190,5 @@ def _radii_beside(topology: Topology, rounds: Rounds, edge: int) -> Floats:
 
 def _on_sphere(topology: Topology, rounds: Rounds, logs: Floats) -> tuple[Floats, float]:
     """Circles on the sphere in exact contact, and the error that remains."""
-    circles = planar_circles(rounds, np.exp(logs))
-    circles = centred(circles, contacts(circles, topology.edges))
-    return polished(circles, rounds.corners, topology.edges)
+    pattern = plane_pattern(rounds, np.exp(logs)).centred(topology.edges)
+    return polished(pattern.lifted(), rounds.corners, topology.edges)
