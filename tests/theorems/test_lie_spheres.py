@@ -54,7 +54,9 @@ def plane_rotation(angle):
 
 @random_cases
 @given(seeds)
-def test_5_1_1_lightlike_vectors_of_the_quadric_are_spheres_planes_and_the_improper_point(seed):
+def test_definition_5_1_1_lightlike_vectors_of_the_quadric_are_spheres_planes_and_the_improper_point(
+    seed,
+):
     rng = generator(seed)
     ball, wall = spheres(rng), planes(rng)
     x, y = lie_coordinates(ball), lie_coordinates_of_planes(wall)
@@ -102,7 +104,9 @@ def test_oriented_spheres_touch_exactly_when_centers_are_apart_by_the_difference
 
 @random_cases
 @given(seeds, st.integers(2, 6), st.data())
-def test_5_2_1_maps_that_keep_lightlike_vectors_keep_the_product_up_to_a_factor(seed, n, data):
+def test_theorem_5_2_1_maps_that_keep_lightlike_vectors_keep_the_product_up_to_a_factor(
+    seed, n, data
+):
     k = data.draw(st.integers(1, n - 1))
     rng = generator(seed)
     metric = np.diag([-1.0] * k + [1.0] * (n - k))
@@ -131,7 +135,7 @@ def test_5_2_1_maps_that_keep_lightlike_vectors_keep_the_product_up_to_a_factor(
 
 @random_cases
 @given(seeds, st.integers(2, 5))
-def test_5_2_1_the_product_follows_from_lightlike_vectors_alone(seed, n):
+def test_theorem_5_2_1_the_product_follows_from_lightlike_vectors_alone(seed, n):
     # Forms that vanish on all lightlike vectors are multiples of the metric: the linear system
     # q(x, x) = 0 over many lightlike x has a solution space of dimension one.
     rng = generator(seed)
@@ -150,7 +154,7 @@ def test_5_2_1_the_product_follows_from_lightlike_vectors_alone(seed, n):
 
 @random_cases
 @given(seeds)
-def test_5_2_2_lie_transformations_are_the_matrices_of_signature_4_2_up_to_sign(seed):
+def test_corollary_5_2_2_lie_transformations_are_the_matrices_of_signature_4_2_up_to_sign(seed):
     rng = generator(seed)
     first, second = LieTransform.random(rng), LieTransform.random(rng)
     x, y = lie_coordinates(spheres(rng)), lie_coordinates_of_planes(planes(rng))
@@ -172,7 +176,7 @@ def test_5_2_2_lie_transformations_are_the_matrices_of_signature_4_2_up_to_sign(
 
 @random_cases
 @given(seeds)
-def test_5_2_2_moebius_transformations_are_those_that_keep_points(seed):
+def test_corollary_5_2_2_moebius_transformations_are_those_that_keep_points(seed):
     rng = generator(seed)
     found = MoebiusTransform.random(rng)
     lie = found.lie
@@ -203,7 +207,7 @@ def test_5_2_2_moebius_transformations_are_those_that_keep_points(seed):
 
 @random_cases
 @given(seeds)
-def test_5_3_1_a_lie_transformation_is_determined_by_its_action_on_spheres(seed):
+def test_lemma_5_3_1_a_lie_transformation_is_determined_by_its_action_on_spheres(seed):
     rng = generator(seed)
     hidden = LieTransform.random(rng)
     x = lie_coordinates(spheres(rng, 40))
@@ -226,7 +230,7 @@ def test_5_3_1_a_lie_transformation_is_determined_by_its_action_on_spheres(seed)
 
 @random_cases
 @given(seeds)
-def test_5_3_2_spheres_have_a_common_tangent_plane_exactly_when_not_timelike(seed):
+def test_lemma_5_3_2_spheres_have_a_common_tangent_plane_exactly_when_not_timelike(seed):
     rng = generator(seed)
     first, second = spheres(rng), spheres(rng)
     gap = second - first
@@ -249,7 +253,7 @@ def test_5_3_2_spheres_have_a_common_tangent_plane_exactly_when_not_timelike(see
         assert norm(contacts[1] - contacts[0]) == pytest.approx(d, rel=1e-6, abs=1e-6)
 
 
-def test_5_3_2_lightlike_pairs_have_one_plane_only():
+def test_lemma_5_3_2_lightlike_pairs_have_one_plane_only():
     first = np.array([0.2, 0.1, -0.4, 0.7])
     axis = unit(np.array([1.0, 2.0, -0.5]))
     second = first + np.append(1.5 * axis, 1.5)
@@ -284,7 +288,9 @@ MESHES = conical_meshes()
 
 @random_cases
 @given(seeds, st.sampled_from(sorted(MESHES)), st.floats(-0.5, 0.5))
-def test_5_3_3_laguerre_transformations_take_conical_meshes_to_conical_meshes(seed, name, share):
+def test_theorem_5_3_3_laguerre_transformations_take_conical_meshes_to_conical_meshes(
+    seed, name, share
+):
     mesh = MESHES[name]
     middle = mesh.vertices.mean(axis=0)
     bearable = rapidity_range(mesh, center=middle)[1]
@@ -305,7 +311,7 @@ def test_5_3_3_laguerre_transformations_take_conical_meshes_to_conical_meshes(se
 
 
 @pytest.mark.parametrize("name", sorted(MESHES))
-def test_5_3_3_fails_for_linear_maps_that_are_not_lorentzian(name):
+def test_theorem_5_3_3_fails_for_linear_maps_that_are_not_lorentzian(name):
     # In general position: along the axis of a mesh of revolution the map would keep its cones.
     turn = LaguerreTransform.rotation([0.4, 0.8, -0.3], 0.9)
     mesh, matrix = turn.of_mesh(MESHES[name]).mesh, plane_rotation(0.1)
