@@ -54,7 +54,7 @@ def plane_rotation(angle):
 
 @random_cases
 @given(seeds)
-def test_definition_5_1_1_lightlike_vectors_of_the_quadric_are_spheres_planes_and_the_improper_point(
+def test_definition_5_1_1_lightlike_vectors_are_spheres_planes_and_the_improper_point(
     seed,
 ):
     rng = generator(seed)

@@ -145,7 +145,7 @@ ORACLES = {
     41: ("cube and box", "theorems/test_parallel.py", [
         "test_box_with_the_cube_as_its_image_has_all_three_distances_constant"]),
     42: ("quadric and contact", "theorems/test_lie_spheres.py", [
-        "test_definition_5_1_1_lightlike_vectors_of_the_quadric_are_spheres_planes_and_the_improper_point",
+        "test_definition_5_1_1_lightlike_vectors_are_spheres_planes_and_the_improper_point",
         "test_printed_sphere_has_the_published_coordinates",
         "test_oriented_spheres_touch_exactly_when_centers_are_apart_by_the_difference_of_radii"]),
     43: ("worked example", "theorems/test_lie_spheres.py", [
