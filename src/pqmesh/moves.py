@@ -8,7 +8,7 @@ import numpy as np
 
 import pqmesh
 from pqmesh.errors import SpecError
-from pqmesh.koebe.edge_offset import edge_offset_vectors
+from pqmesh.koebe.best import best_edge_vectors
 from pqmesh.mesh.measure import circularity_defect
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.offset.distances import (
@@ -155,7 +155,7 @@ def _vectors(mesh: QuadMesh, kind: str) -> OffsetVectors:
         return face_offset_vectors(mesh)
     if kind == "vertex":
         return vertex_offset_vectors(mesh)
-    return edge_offset_vectors(mesh)
+    return best_edge_vectors(mesh)
 
 
 def _distance_error(mesh: QuadMesh, moved: QuadMesh, kind: str, distance: float) -> float:

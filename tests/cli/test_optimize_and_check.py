@@ -11,10 +11,10 @@ import pytest
 
 from pqmesh.check import check_lines, check_report
 from pqmesh.io.formats import read_quad_mesh, write_mesh
+from pqmesh.koebe.families import discrete_catenoid, square_koebe
 from pqmesh.mesh.exact import rotational_mesh
 from pqmesh.mesh.measure import measures, planarity
 from pqmesh.mesh.quadmesh import QuadMesh
-from pqmesh.offset.spaces import SPACES, OffsetSpace
 from pqmesh.vectors import norm
 
 Command = Callable[..., Any]
@@ -190,6 +190,40 @@ def test_optimize_writes_a_mesh_of_the_kind_and_a_report_of_it(
     assert all(row["pass"] for row in report["tolerance"])
 
 
+def test_edge_offset_is_found_where_there_is_one_and_judged_where_not(
+    pqmesh: Command, tmp_path: Path, wavy: Path
+) -> None:
+    exact = square_koebe(6, 5, 0.15)
+    rng = np.random.default_rng(0)
+    bent = exact.vertices + 1e-3 * rng.standard_normal(exact.vertices.shape)
+    write_mesh(exact.with_vertices(bent), tmp_path / "bent.obj")
+    options = ["-o", "out.obj", "--kind", "edge-offset", "--report", "out.json"]
+    result = pqmesh("optimize", "bent.obj", *options)
+    report = json.loads((tmp_path / "out.json").read_text())
+    assert result.code == 0, result.err
+    assert [row["key"] for row in report["tolerance"]] == ["planar", "edge-offset", "deviation"]
+    assert report["deviation"]["moved_max"] < 0.05
+    checked = check_report(
+        read_quad_mesh(tmp_path / "out.obj"), source="", units=None, tolerance=1e-9
+    )
+    assert checked["edge_offset"] is True
+    result = pqmesh("optimize", wavy, *options)
+    report = json.loads((tmp_path / "out.json").read_text())
+    assert report["after"]["planarity_max"] < 1e-9
+    assert {row["key"]: row["pass"] for row in report["tolerance"]} == {
+        "planar": True,
+        "edge-offset": True,
+        "deviation": False,
+    }
+    assert result.code == 3
+    assert "not reached: deviation" in result.err
+
+
+def test_edge_offset_holds_no_rim(refused: Refused, wavy: Path) -> None:
+    options = ["-o", "out.obj", "--kind", "edge-offset", "--boundary", "fixed"]
+    assert "free boundary; found --boundary fixed" in refused("optimize", wavy, *options)
+
+
 @pytest.mark.parametrize("boundary", ["fixed", "glide"])
 def test_boundary_stays_as_asked(
     pqmesh: Command, tmp_path: Path, wavy: Path, boundary: str
@@ -338,21 +372,16 @@ def test_check_decides_the_dimension_of_the_parallel_meshes_or_says_why_not(
         assert "undecided" in pqmesh("check", data_folder / name).out
 
 
-def test_kind_of_offset_that_is_entered_is_checked_without_further_ado(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def scaled(mesh: QuadMesh, tolerance: float) -> OffsetSpace:
-        return OffsetSpace("edge", True, 0, mesh.vertices, tolerance, 0.0, 0.0)
-
-    mesh = rotational_mesh([[2.0, 0.0], [2.4, 0.5], [2.5, 1.2]], 0.3 * np.arange(5))
-    before = check_report(mesh, source="", units=None, tolerance=1e-6)
-    assert (before["edge_offset"], before["offsets"]["edge"]) == (None, None)
-    monkeypatch.setitem(SPACES, "edge", scaled)
-    after = check_report(mesh, source="", units=None, tolerance=1e-6)
-    assert after["edge_offset"] is True
-    assert after["offsets"]["edge"]["error"] == 1e-6
-    assert any(line.startswith("edge offset") for line in check_lines(after))
-    assert not any(line.startswith("edge offset") for line in check_lines(before))
+def test_check_knows_edge_offsets() -> None:
+    catenoid = discrete_catenoid(12, -1.0, 4)
+    found = check_report(catenoid, source="", units=None, tolerance=1e-6)
+    assert found["edge_offset"] is True
+    assert found["offsets"]["edge"]["error"] < 1e-12
+    assert "edge offset   yes" in "\n".join(check_lines(found))
+    bent = rotational_mesh([[2.0, 0.0], [2.4, 0.5], [2.5, 1.2]], 0.3 * np.arange(5))
+    found = check_report(bent, source="", units=None, tolerance=1e-6)
+    assert found["edge_offset"] is False
+    assert found["offsets"]["edge"]["error"] > 1e-3
 
 
 def test_check_of_a_few_thousand_faces_takes_less_than_five_seconds() -> None:

@@ -1,10 +1,8 @@
 """`offset` and `transform`: what they write and print, how they agree, and what they refuse."""
 
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -18,7 +16,6 @@ from pqmesh.mesh.planes import face_planes
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.mesh.solids import cube
 from pqmesh.offset.offsets import face_offset, vertex_distance
-from pqmesh.offset.vectors import OffsetVectors
 from pqmesh.transform.laguerre import LaguerreTransform
 from pqmesh.transform.moebius import MoebiusTransform
 
@@ -236,31 +233,27 @@ def test_same_input_gives_the_same_bytes(pqmesh: Command, tmp_path: Path, roof: 
 # --- edge offsets ---------------------------------------------------------------------------
 
 
-def test_edge_offset_without_its_part_is_refused(
-    refused: Refused, roof: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "pqmesh.koebe.edge_offset", None)
-    line = refused("offset", roof, "--kind", "edge", "--distance", "0.1", "-o", "out.obj")
-    assert "needs the part pqmesh.koebe" in line
-
-
-def test_edge_offset_is_measured_at_the_edges(
-    pqmesh: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # A cube with edges at distance 1 from its middle: its own vertices are the vectors.
-    part = ModuleType("pqmesh.koebe.edge_offset")
-    part.edge_offset_vectors = lambda mesh: OffsetVectors(  # type: ignore[attr-defined]
-        "edge", mesh.vertices, 0.0
-    )
-    monkeypatch.setitem(sys.modules, "pqmesh.koebe.edge_offset", part)
-    box = cube()
+def test_edge_offset_is_measured_at_the_edges(pqmesh: Command, tmp_path: Path) -> None:
     options = ["--kind", "edge", "--distance", "0.1", "-o", "out.obj", "--report", "out.json"]
-    write_mesh(box.with_vertices(box.vertices / 2**0.5), tmp_path / "box.obj")
+    write_mesh(cube(), tmp_path / "box.obj")
     assert pqmesh("offset", "box.obj", *options).code == 0
     assert report_of(tmp_path)["distance_error_max"] < 1e-15
-    write_mesh(box, tmp_path / "box.obj")
-    assert pqmesh("offset", "box.obj", *options).code == 3
-    assert report_of(tmp_path)["distance_error_max"] == pytest.approx(0.1 * (2**0.5 - 1))
+    # Edges of a cube lie at the half diagonal of a face, so each vertex moves along its diagonal.
+    moved = read_quad_mesh(tmp_path / "out.obj").vertices
+    assert moved == pytest.approx(cube().vertices * (1 + 0.1 / 2**0.5), abs=1e-15)
+
+
+def test_edge_offset_of_a_mesh_without_one_is_the_nearest_and_code_3(
+    pqmesh: Command, tmp_path: Path, roof: Path
+) -> None:
+    options = ["--kind", "edge", "--distance", "0.1", "-o", "out.obj", "--report", "out.json"]
+    result = pqmesh("offset", roof, *options)
+    assert result.code == 3
+    assert "not reached: offset" in result.err
+    report = report_of(tmp_path)
+    assert 1e-7 < report["distance_error_max"] < 0.01
+    # Edges that are not parallel would bend the faces.
+    assert report["parallel_error_max"] < 1e-9
 
 
 # --- refusals -------------------------------------------------------------------------------

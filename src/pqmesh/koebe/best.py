@@ -8,7 +8,7 @@ import numpy as np
 
 from pqmesh.errors import MeshError
 from pqmesh.koebe.approximate import fitted_edge_offset
-from pqmesh.koebe.edge_offset import image_error
+from pqmesh.koebe.edge_offset import edge_offset_vectors, image_error
 from pqmesh.mesh.measure import flipped_faces, nonconvex_faces, planarity
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.offset.vectors import OffsetVectors, parallel_offset_vectors
@@ -88,10 +88,34 @@ def _nearly(
 ) -> tuple[Solution, OffsetVectors]:
     """A planar mesh and parallel ones whose edge distances vary."""
     solution = optimized("planar", start, reference, progress=progress)
-    mesh = start.with_vertices(solution.blocks["vertices"])
-    vectors = parallel_offset_vectors(mesh).vectors
-    error = image_error(mesh, vectors)
+    vectors = _parallel(start.with_vertices(solution.blocks["vertices"]))
     reason = f"no mesh with edge offsets near: {why} Planar instead, beams differ in depth"
-    residuals = solution.residuals | {"edge distance": error}
+    residuals = solution.residuals | {"edge distance": vectors.error}
     found = Solution(solution.blocks, False, reason, solution.steps, residuals)
-    return found, OffsetVectors("edge", vectors, error)
+    return found, vectors
+
+
+def best_edge_vectors(mesh: QuadMesh) -> OffsetVectors:
+    """Edge offset of a mesh where there is one, else that of the nearest parallel mesh.
+
+    A mesh that is parallel only nearly has skew edges and faces that are not flat: where the
+    distance cannot be constant, parallel is worth more.
+
+    Examples
+    --------
+    >>> from pqmesh.mesh.exact import rotational_mesh
+    >>> from pqmesh.mesh.solids import cube
+    >>> best_edge_vectors(cube()).error < 1e-12
+    True
+    >>> vase = rotational_mesh([[2, 0], [2.4, 0.5], [2.5, 1]], [0, 1, 2])
+    >>> best_edge_vectors(vase).error > 0.01
+    True
+    """
+    vectors = edge_offset_vectors(mesh)
+    return vectors if vectors.error <= EXACT else _parallel(mesh)
+
+
+def _parallel(mesh: QuadMesh) -> OffsetVectors:
+    """Nearest parallel mesh, as an edge offset with its error."""
+    vectors = parallel_offset_vectors(mesh).vectors
+    return OffsetVectors("edge", vectors, image_error(mesh, vectors))
