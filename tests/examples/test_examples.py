@@ -10,6 +10,37 @@ import pytest
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 
+# In `three_offsets`: layer -> panels, kinds of distance that are the same everywhere, and distances
+# of vertices, edges and faces. Exact are the smallest and the largest; `BELOW` and `ABOVE` the
+# asked distance they vary, as a vertex moves no less than an edge through it, nor that than a face.
+BELOW = ((0.99, 0.999), (0.999, 1 + 1e-12))
+ABOVE = ((1 - 1e-12, 1.0005), (1.0005, 1.01))
+ONE = (1.0, 1.0)
+OFFSETS = {
+    # Half the box is 6 x 3 x 2, and 7 from the middle to a corner.
+    "box_vertex": (6, 1, ONE, (13**0.5 / 7, 45**0.5 / 7), (2 / 7, 6 / 7)),
+    "box_edge": (6, 3, (1.5**0.5, 1.5**0.5), ONE, (0.5**0.5, 0.5**0.5)),
+    "box_face": (6, 3, (3**0.5, 3**0.5), (2**0.5, 2**0.5), ONE),
+    "vault_vertex": (224, 1, ONE, BELOW, BELOW),
+    "dome_edge": (85, 1, ABOVE, ONE, BELOW),
+    "roof_face": (421, 1, ABOVE, ABOVE, ONE),
+}
+
+
+def bounds_of_offsets():
+    """Bounds of `three_offsets`; the number of panels of a roof may differ by a tenth."""
+    bounds = {}
+    for name, (panels, kinds, *distances) in OFFSETS.items():
+        slack = 0 if name.startswith("box") else panels / 10
+        found = {"panels": (panels - slack, panels + slack), "kinds": (kinds, kinds)}
+        for kind, ends in zip(("vertex", "edge", "face"), distances, strict=True):
+            for end, value in zip(("min", "max"), ends, strict=True):
+                is_exact = isinstance(value, float)
+                found[f"{kind}_{end}"] = (value - 1e-12, value + 1e-12) if is_exact else value
+        bounds |= {f"{name}_offset:{key}": value for key, value in found.items()}
+    return bounds
+
+
 # Script -> number -> lowest and highest value that is right. Counts and invariants are exact;
 # bounds of errors are about a hundred times what rounding gives.
 BOUNDS = {
@@ -39,6 +70,7 @@ BOUNDS = {
         "umbilic_error": (0.0, 1e-12),
         "order_of_deviation": (3.9, 4.1),
     },
+    "three_offsets": bounds_of_offsets(),
     "torus_closed_mesh": {
         "panels": (300, 700),
         "boundary_loops": (0, 0),
