@@ -117,6 +117,12 @@ DENSE = 300
 SHIFT = 1e-14
 # Vectors kept beyond those asked for, and rounds of the iteration.
 SPARE, ROUNDS, LONG_ROUNDS = 8, 2, 15
+# Right-hand sides solved at once.
+COLUMNS = 16
+# Passes of `orthonormal` at most, when it is content, and how far it trusts a Gram matrix.
+PASSES, ORTHONORMAL, GRAM_FLOOR = 8, 1e-14, 1e-13
+# Squares of singular values below this share of the largest are computed again.
+KNOWN = 1e-8
 
 
 class LowSpectrum(NamedTuple):
@@ -180,9 +186,17 @@ def _iterated(rows: Any, factor: Factor, start: Floats, rounds: int) -> LowSpect
     """Block inverse iteration, and the singular values of the matrix on its result."""
     block = start
     for _ in range(rounds):
-        block = np.linalg.qr(factor.solve(block))[0]
-    _, values, turn = np.linalg.svd(rows @ block, full_matrices=False)
-    return LowSpectrum(values[::-1].copy(), np.asarray(block @ turn[::-1].T))
+        block = orthonormal(_solved(factor, block))
+    return _values_on(rows @ block, block)
+
+
+def _solved(factor: Factor, block: Floats) -> Floats:
+    """Solutions for all columns, a few at a time.
+
+    More at a time are not faster, and threads of the dense kernels then wait for each other.
+    """
+    parts = range(0, block.shape[1], COLUMNS)
+    return np.hstack([factor.solve(block[:, start : start + COLUMNS]) for start in parts])
 
 
 def _with_next(rows: Any, factor: Factor, found: LowSpectrum, low: int) -> LowSpectrum:
@@ -193,12 +207,53 @@ def _with_next(rows: Any, factor: Factor, found: LowSpectrum, low: int) -> LowSp
         block = factor.solve(block)
         for _ in range(2):
             # Once is not enough: the solution is nearly all in the space of the kept ones.
-            block = np.linalg.qr(block - kept @ (kept.T @ block))[0]
-    _, values, turn = np.linalg.svd(rows @ block, full_matrices=False)
+            block = orthonormal(block - kept @ (kept.T @ block))
+    above = _values_on(rows @ block, block)
     return LowSpectrum(
-        np.concatenate([found.values[:low], values[::-1]]),
-        np.column_stack([kept, block @ turn[::-1].T]),
+        np.concatenate([found.values[:low], above.values]),
+        np.column_stack([kept, above.vectors]),
     )
+
+
+def orthonormal(block: Floats) -> Floats:
+    """Orthonormal columns that span those of a tall block; noise where the block is deficient.
+
+    By products of matrices only, which run at full speed and do not make threads wait as
+    factorisations of tall matrices do. Each pass divides by the root of the Gram matrix, as far
+    as its rounding allows; a few passes do it for any condition.
+
+    Examples
+    --------
+    >>> found = orthonormal(np.array([[1.0, 1.0], [0.0, 1e-9], [0.0, 0.0]]))
+    >>> bool(np.allclose(found.T @ found, np.eye(2))), float(np.abs(found[2]).max())
+    (True, 0.0)
+    """
+    for _ in range(PASSES):
+        length = np.sqrt(np.einsum("ni,ni->i", block, block))
+        block = block / np.where(length > 0.0, length, 1.0)
+        gram = block.T @ block
+        if np.abs(gram - np.eye(len(gram))).max(initial=0.0) <= ORTHONORMAL:
+            break
+        values, turn = np.linalg.eigh(gram)
+        block = block @ (turn / np.sqrt(np.maximum(values, GRAM_FLOOR * values[-1])))
+    return np.asarray(block)
+
+
+def _values_on(image: Floats, block: Floats) -> LowSpectrum:
+    """Singular values of a matrix on an orthonormal block, rising, from its image of the block.
+
+    The Gram matrix of the image knows values down to the root of rounding against the largest.
+    What lies deeper is taken again by itself, so that zeros come out as rounding.
+    """
+    values, vectors = [np.empty(0)], [block[:, :0]]
+    while image.shape[1]:
+        squares, turn = np.linalg.eigh(image.T @ image)
+        image, block = image @ turn, block @ turn
+        known = squares >= KNOWN * max(squares[-1], 0.0)
+        values.insert(0, np.sqrt(np.maximum(squares[known], 0.0)))
+        vectors.insert(0, block[:, known])
+        image, block = image[:, ~known], block[:, ~known]
+    return LowSpectrum(np.concatenate(values), np.column_stack(vectors))
 
 
 def _dense_spectrum(matrix: Floats) -> LowSpectrum:

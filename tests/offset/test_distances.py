@@ -82,8 +82,7 @@ def test_translation_is_an_offset_only_along_the_normal_of_a_flat_mesh():
     assert not is_offset(SQUARE, SQUARE, "vertex")
 
 
-def test_chessboard_of_faces_is_no_face_offset():
-    # A vertex that folds from flat paper: faces move by +d and -d to stay parallel.
+def test_reversed_mesh_has_the_opposite_face_distance():
     mesh = deltoidal_icositetrahedron()
     other = mesh.with_vertices(1.2 * mesh.vertices)
     assert is_offset(mesh, other, "face")

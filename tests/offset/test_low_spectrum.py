@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.sparse import block_diag, csr_array, random_array
 
-from pqmesh.linear import low_spectrum
+from pqmesh.linear import low_spectrum, orthonormal
 
 
 def with_zeros(zeros, size=500, seed=0):
@@ -41,6 +41,29 @@ def test_values_inside_the_bound_are_those_of_the_dense_matrix():
     matrix = block_diag([small, 2.0 * np.eye(400) + 0.01 * rng.normal(size=(400, 400))]).tocsr()
     found = low_spectrum(matrix, 1e-2, expected=2)
     assert np.allclose(found.values[:12], np.geomspace(1e-6, 1e-3, 12), rtol=1e-6, atol=0)
+
+
+@pytest.mark.parametrize("condition", [1.0, 1e6, 1e12, 1e15])
+def test_orthonormal_columns_span_those_of_blocks_of_any_condition(condition):
+    rng = np.random.default_rng(0)
+    left = np.linalg.qr(rng.normal(size=(900, 20)))[0]
+    right = np.linalg.qr(rng.normal(size=(20, 20)))[0]
+    values = np.geomspace(1.0, 1.0 / condition, 20)
+    block = (left * values) @ right
+    found = orthonormal(block)
+    assert np.abs(found.T @ found - np.eye(20)).max() < 1e-13
+    # Directions above the rounding of the block are kept.
+    clear = values > 1e-8
+    missing = left[:, clear] - found @ (found.T @ left[:, clear])
+    assert np.abs(missing).max() < 1e-6
+
+
+def test_zero_columns_do_not_spoil_the_others():
+    block = np.zeros((50, 3))
+    block[:, 0] = 2.0
+    found = orthonormal(block)
+    assert np.isfinite(found).all()
+    assert np.abs(found[:, np.abs(found).max(axis=0) > 0].std(axis=0)).max() < 1e-12
 
 
 def test_small_and_wide_matrices_are_solved_densely():

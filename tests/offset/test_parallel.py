@@ -211,8 +211,8 @@ def test_basis_of_ten_thousand_faces_takes_seconds_and_fits_in_a_gigabyte():
     space = parallel_space(mesh)
     assert space.dimension == 203
     assert space.gap > 1e9
-    # Two seconds on an idle core; threads that wait for each other on a busy machine count too.
-    assert time.process_time() - start < 15.0
+    # A second and a half on one core, twice that in two threads; the rest is for busy machines.
+    assert time.process_time() - start < 8.0
     assert space.basis.shape == (3 * 101 * 101, 203)
     # Kilobytes on Linux, bytes on a Mac.
     unit = 1 if sys.platform == "darwin" else 1024

@@ -17,7 +17,7 @@ from scipy.linalg import qr
 from scipy.sparse import coo_array
 
 from pqmesh.errors import MeshError
-from pqmesh.linear import LowSpectrum, SymmetricPattern, low_spectrum
+from pqmesh.linear import LowSpectrum, SymmetricPattern, low_spectrum, orthonormal
 from pqmesh.mesh.loops import SpanningForest, open_loops, spanning_forest
 from pqmesh.mesh.measure import planarity
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
@@ -40,7 +40,7 @@ ROUNDING = 1e-13
 # Of seeds of a local basis: a member then has few digits less than its coefficients.
 WELL_CONDITIONED = 100.0
 # Sums along the tree that close to this share of the mesh need no correction.
-CLOSED = 1e-14
+CLOSED = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +89,7 @@ class ParallelSpace:
             shifts[np.arange(len(pieces)), axis, pieces, axis] = 1.0 / size[pieces]
         positions = self.positions(self.factors)
         columns = positions.reshape(3 * len(pieces), -1)
-        return read_only(
-            np.column_stack([shifts.reshape(len(columns), -1), np.linalg.qr(columns)[0]])
-        )
+        return read_only(np.column_stack([shifts.reshape(len(columns), -1), orthonormal(columns)]))
 
     def positions(self, factors: Floats) -> Floats:
         """Vertices with edges f e, the mean of each piece at the origin.
