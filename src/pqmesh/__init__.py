@@ -1,4 +1,4 @@
-"""pqmesh: freeform surfaces to planar, conical and circular quad meshes with exact offsets.
+"""pqmesh: freeform surfaces to flat panels with exact offsets.
 
 The public names are imported when they are used, so that `import pqmesh` stays fast.
 """
@@ -30,12 +30,15 @@ _PUBLIC = {
     "problem_for": "optimize.recipes",
     "solve": "optimize.solver",
     "face_offset": "offset.offsets",
+    "edge_offset": "koebe.edge_offset",
     "vertex_offset": "offset.offsets",
     "support_structure": "offset.support",
     "parallel_space": "offset.parallel",
     "nearest_member": "offset.members",
     "dragged": "offset.members",
     "offset_space": "offset.spaces",
+    "edge_offset_space": "koebe.edge_offset",
+    "koebe_polyhedron": "koebe.polyhedron",
     "is_offset": "offset.distances",
     "gauss_image": "offset.gauss",
     "face_curvatures": "offset.steiner",

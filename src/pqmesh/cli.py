@@ -45,7 +45,7 @@ LARGEST = 1e50
 
 app = typer.Typer(
     name="pqmesh",
-    help="Freeform surfaces to planar, conical and circular quad meshes with exact offsets.",
+    help="Freeform surfaces to flat panels with exact offsets.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

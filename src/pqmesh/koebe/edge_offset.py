@@ -25,6 +25,8 @@ from pqmesh.vectors import TINY, Floats, Indices, cross, dot, norm
 # Largest error at which an image counts as one.
 EXACT = 1e-9
 MOST_STEPS, FEW_STEPS, DAMPING, ENOUGH = 60, 4, 1e-8, 1e-15
+# Near an exact image the squares fall by orders; so many steps that keep this share end it.
+STALLED, PATIENCE = 0.98, 3
 # Free dimensions are counted by singular values, up to this many unknowns.
 DENSE, RANK_TOLERANCE = 900, 1e-7
 # An image with a shorter edge is none: translations have all edges of length 0.
@@ -193,7 +195,7 @@ def _fitted(mesh: PolyMesh, image: Floats, most_steps: int) -> Floats:
     """Least-squares image near a start, by Gauss and Newton."""
     columns = (3 * mesh.edges[:, :, None] + np.arange(3)).reshape(-1, 6)
     pattern = _pattern(columns, image.size)
-    residual, damping = _residual(mesh, image), DAMPING
+    residual, damping, idle = _residual(mesh, image), DAMPING, 0
     for _ in range(most_steps):
         slopes = _slopes(mesh, image)
         rhs = -np.bincount(
@@ -205,8 +207,12 @@ def _fitted(mesh: PolyMesh, image: Floats, most_steps: int) -> Floats:
         ).solve(np.asarray(rhs, dtype=np.float64))
         moved = image + step.reshape(-1, 3)
         found = _residual(mesh, moved)
-        if (found**2).sum() < (residual**2).sum():
+        before, after = (residual**2).sum(), (found**2).sum()
+        if after < before:
             image, residual, damping = moved, found, max(0.1 * damping, 1e-14)
+            idle = idle + 1 if after > STALLED * before else 0
+            if idle == PATIENCE:
+                break
         elif damping > 1e3 or norm(step) <= 1e-14 * norm(image.ravel()):
             break
         else:

@@ -112,11 +112,16 @@ def vertex_offset(mesh: QuadMesh, distance: float) -> QuadMesh:
 
 def offset_vectors(mesh: QuadMesh, kind: str) -> OffsetVectors:
     """Offset vectors suited to a mesh of the given kind: planar, conical or circular."""
-    if kind == "conical":
-        return face_offset_vectors(mesh)
-    if kind == "circular":
-        return vertex_offset_vectors(mesh)
-    return parallel_offset_vectors(mesh)
+    makers = {
+        "planar": parallel_offset_vectors,
+        "conical": face_offset_vectors,
+        "circular": vertex_offset_vectors,
+    }
+    if kind not in makers:
+        raise MeshError(
+            f"The kind of a mesh must be one of {', '.join(makers)}; found {kind!r}. Choose one."
+        )
+    return makers[kind](mesh)
 
 
 def offset_layer(mesh: QuadMesh, vectors: OffsetVectors, distance: float) -> Layer:

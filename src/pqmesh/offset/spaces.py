@@ -11,7 +11,6 @@ from pqmesh.errors import MeshError
 from pqmesh.linear import low_spectrum
 from pqmesh.mesh.measure import circularity_defect, fitted_cones, planarity
 from pqmesh.mesh.quadmesh import QuadMesh
-from pqmesh.offset.distances import KINDS
 from pqmesh.offset.parallel import ZERO_BAND, ZERO_FLOOR, check_edges
 from pqmesh.offset.slides import parallel_slides, touching_vectors
 from pqmesh.offset.vectors import (
@@ -84,9 +83,9 @@ def offset_space(mesh: QuadMesh, kind: str, tolerance: float = 1e-6) -> OffsetSp
     (4, 2)
     """
     if kind not in SPACES:
-        known = ", ".join(kind for kind in KINDS if kind in SPACES)
         raise MeshError(
-            f"The kind of an offset must be one of {known}; found {kind!r}. Choose one."
+            f"The kind of an offset must be one of {', '.join(SPACES)}; found {kind!r}. Choose "
+            f"one; for edges there is edge_offset_space."
         )
     check_edges(mesh)
     return SPACES[kind](mesh, tolerance)
@@ -170,7 +169,7 @@ def vertex_offset_space(mesh: QuadMesh, tolerance: float) -> OffsetSpace:
     )
 
 
-# Kind -> its space; the edges of an offset at constant distance are entered by their own module.
+# Kind -> its space; that of edges comes a stage later, as `koebe.edge_offset.edge_offset_space`.
 SPACES: dict[str, Callable[[QuadMesh, float], OffsetSpace]] = {
     "vertex": vertex_offset_space,
     "face": face_offset_space,
