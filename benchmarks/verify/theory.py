@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import resource
 import subprocess
@@ -11,6 +10,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from cli.test_transform import DESIGN
@@ -37,7 +37,7 @@ from transform.test_laguerre import centered, worst_losses
 
 from pqmesh.errors import MeshError
 from pqmesh.io.formats import read_quad_mesh, write_mesh
-from pqmesh.job import Spec, panelize
+from pqmesh.job import panelize
 from pqmesh.koebe.polyhedron import koebe_polyhedron, tangency_deviation
 from pqmesh.koebe.square_patch import square_edges
 from pqmesh.mesh.cones import vertex_cones
@@ -54,13 +54,14 @@ from pqmesh.transform.conical import rapidity_range
 from pqmesh.transform.laguerre import LaguerreTransform
 from pqmesh.vectors import dot
 
+T = TypeVar("T")
 ROOF = ROOT / "examples" / "roof" / "roof.toml"
 # Errors that count as conical, and what a planted error must exceed.
 CONICAL, PLANTED = 1e-9, 1e-4
 DOME_HEIGHT, DOME_X, DOME_Y = "-0.02*x**2 - 0.03*y**2", (-4.0, 4.0), (-3.0, 3.0)
 
 
-def timed[T](call: Callable[[], T]) -> tuple[T, float]:
+def timed(call: Callable[[], T]) -> tuple[T, float]:
     """What a call gives, and its wall seconds."""
     began = time.perf_counter()
     found = call()
@@ -201,11 +202,12 @@ def planted_errors() -> list[Row]:
         turned = vertex_cones(_turned_star(image, 0.1)).deviation.max()
         found = fitted_cones(wrong).spread.max()
         rows += [
-            at_most(f"{name}, normals turned with the radius: planarity", 1e-10,
-                    planarity(wrong).max()),
+            at_most(
+                f"{name}, normals turned with the radius: planarity", 1e-10, planarity(wrong).max()
+            ),
             at_least(f"{name}, normals turned with the radius: spread, rad", PLANTED, found),
             at_least(f"{name}, one star turned: planes off their cones, rad", PLANTED, turned),
-        ]  # fmt: skip
+        ]
     return rows
 
 
@@ -216,11 +218,13 @@ def laguerre_roof() -> list[Row]:
     flat, spread = worst_losses(centered(roof), 200)
     return [
         note("roof: faces, images", f"{roof.topology.n_faces}, 200"),
-        note("roof: planarity, cone spread / theta before",
-             f"{planarity(roof).max():.2g}, {fitted_cones(roof).relative_spread.max():.2g}"),
+        note(
+            "roof: planarity, cone spread / theta before",
+            f"{planarity(roof).max():.2g}, {fitted_cones(roof).relative_spread.max():.2g}",
+        ),
         at_most("roof: planarity / (before cosh^2)", 10.0, flat),
         at_most("roof: cone spread / (before cosh^2)", 10.0, spread),
-    ]  # fmt: skip
+    ]
 
 
 # --- Koebe meshes and edge offsets ------------------------------------------------------------
@@ -234,9 +238,11 @@ def koebe_cubes() -> list[Row]:
         mesh, seconds = timed(lambda topology=topology: koebe_polyhedron(topology))
         title = f"cube of {topology.n_faces} faces"
         rows += [
-            at_most(f"{title}: edges from the sphere", limit, np.abs(tangency_deviation(mesh)).max()),
+            at_most(
+                f"{title}: edges from the sphere", limit, np.abs(tangency_deviation(mesh)).max()
+            ),
             at_most(f"{title}: time, s", most, seconds),
-        ]  # fmt: skip
+        ]
     return rows
 
 
@@ -249,13 +255,18 @@ def edge_offset_patches() -> list[Row]:
         gap = np.abs(edge_distance(fit.mesh, moved) - 0.3).max()
         rms = fit.figures["deviation_rms_pct"]
         rows += [
-            note(f"{name}: faces, rms of the deviation, % of an edge",
-                 f"{fit.mesh.topology.n_faces}, {rms:.2g}"),
+            note(
+                f"{name}: faces, rms of the deviation, % of an edge",
+                f"{fit.mesh.topology.n_faces}, {rms:.2g}",
+            ),
             at_most(f"{name}: deviation, % of an edge", 1.0, fit.figures["deviation_max_pct"]),
             at_most(f"{name}: edge offset at 0.3, its error", 1e-12, gap),
-            at_most(f"{name}: offset's edges parallel, sine", 1e-12,
-                    parallel_error(fit.mesh, moved).max()),
-        ]  # fmt: skip
+            at_most(
+                f"{name}: offset's edges parallel, sine",
+                1e-12,
+                parallel_error(fit.mesh, moved).max(),
+            ),
+        ]
     return rows
 
 
@@ -325,16 +336,25 @@ def edge_offset_roof() -> list[Row]:
     depth, why = report["support"], [text for text in report["warnings"] if "edge offset" in text]
     return [
         _ends("roof: panelize --kind edge-offset", 3, first),
-        holds("roof: what is missed", "offset", ", ".join(row["key"] for row in missed),
-              "offset" in [row["key"] for row in missed]),
-        holds("roof: said with what was reached", "not reached: offset", "; ".join(said),
-              any("offset" in line and "asked" in line for line in said)),
+        holds(
+            "roof: what is missed",
+            "offset",
+            ", ".join(row["key"] for row in missed),
+            "offset" in [row["key"] for row in missed],
+        ),
+        holds(
+            "roof: said with what was reached",
+            "not reached: offset",
+            "; ".join(said),
+            any("offset" in line and "asked" in line for line in said),
+        ),
         note("roof: why", why[0] if why else "-"),
-        note("roof: depth of the beams, m",
-             f"{depth['depth_min']:.6f} .. {depth['depth_max']:.6f}"),
+        note(
+            "roof: depth of the beams, m", f"{depth['depth_min']:.6f} .. {depth['depth_max']:.6f}"
+        ),
         _ends("roof: optimize --kind edge-offset", 3, second),
         holds("roof: said by optimize", "not reached", "; ".join(reached), bool(reached)),
-    ]  # fmt: skip
+    ]
 
 
 # --- commands ---------------------------------------------------------------------------------
@@ -368,7 +388,7 @@ def offset_agreement() -> list[Row]:
                     ),
                     at_most(f"{title} by {distance:g}: vertices from the layer's", 1e-12, away),
                 ]
-    return rows  # fmt: skip
+    return rows
 
 
 def _cpu(*arguments: str | Path) -> tuple[int, float]:
@@ -400,7 +420,7 @@ def large_moves() -> list[Row]:
                 holds(f"{title}: ends in", "0", code, code == 0),
                 at_most(f"{title}: CPU beyond start-up, s", 1.0, spent - idle),
             ]
-    return [note("CPU of starting (--version), s", f"{idle:.2f}"), *rows]  # fmt: skip
+    return [note("CPU of starting (--version), s", f"{idle:.2f}"), *rows]
 
 
 groups = {
