@@ -11,8 +11,9 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from cli.test_transform import DESIGN
@@ -77,16 +78,18 @@ def dimensions() -> list[Row]:
     """dim P(M) of meshes whose number is known from theory."""
     rows, longest = [], 0.0
     for name, (mesh, wanted) in DIMENSIONS.items():
-        space, seconds = timed(lambda mesh=mesh: parallel_space(mesh))
+        space, seconds = timed(partial(parallel_space, mesh))
         longest = max(longest, seconds)
         found = f"{space.dimension}, gap {space.gap:.1e}"
         rows.append(holds(f"dim P(M), {name}", str(wanted), found, space.dimension == wanted))
     return [*rows, at_most("slowest of these, s", 2.0, longest)]
 
 
-def _counted(name: str, mesh: QuadMesh, wanted: int, gap: float, *, exact: bool = True) -> list:
+def _counted(
+    name: str, mesh: QuadMesh, wanted: int, gap: float, *, exact: bool = True
+) -> list[Row]:
     """Rows about the dimension of one mesh, its gap and its time."""
-    space, seconds = timed(lambda: parallel_space(mesh))
+    space, seconds = timed(partial(parallel_space, mesh))
     right = space.dimension == wanted if exact else space.dimension >= wanted
     asked = str(wanted) if exact else f">= {wanted}"
     return [
@@ -250,7 +253,7 @@ def koebe_cubes() -> list[Row]:
     rows = []
     for n, limit, most in ((10, 1e-12, 1.0), (30, 1e-10, 20.0)):
         topology = divided_cube(n)
-        mesh, seconds = timed(lambda topology=topology: koebe_polyhedron(topology))
+        mesh, seconds = timed(partial(koebe_polyhedron, topology))
         title = f"cube of {topology.n_faces} faces"
         rows += [
             at_most(
@@ -294,7 +297,7 @@ def _dome_design(kind: str, edges: list[float]) -> str:
     )
 
 
-def _report(path: Path) -> dict:
+def _report(path: Path) -> dict[str, Any]:
     """A report of a command."""
     return json.loads(path.read_text(encoding="utf-8"))
 
