@@ -299,7 +299,8 @@ def _dome_design(kind: str, edges: list[float]) -> str:
 
 def _report(path: Path) -> dict[str, Any]:
     """A report of a command."""
-    return json.loads(path.read_text(encoding="utf-8"))
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return found
 
 
 def _ends(line: str, wanted: int, done: Run) -> Row:
