@@ -16,6 +16,7 @@ import files
 import office
 import spine
 import study
+import theory
 from table import show
 
 GROUPS = {
@@ -23,6 +24,7 @@ GROUPS = {
     "files": files.groups,
     "office": office.groups,
     "study": study.groups,
+    "theory": theory.groups,
 }
 
 
