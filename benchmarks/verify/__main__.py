@@ -5,10 +5,13 @@ Usage: python benchmarks/verify [GROUP ...]. Ends in 1 when a promise fails.
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from pathlib import Path
 
+# As the command does, before numpy is imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 

@@ -23,7 +23,7 @@ from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.offset.distances import KINDS
 from pqmesh.offset.parallel import parallel_space
 from pqmesh.offset.spaces import offset_space
-from pqmesh.report import SCHEMA, all_measures, mesh_counts
+from pqmesh.report_mesh import SCHEMA, all_measures, mesh_counts
 
 # An edge shorter than this share of the mean is listed as tiny.
 TINY_EDGE = 0.05

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import signal
 import sys
 import time
@@ -42,6 +43,9 @@ if TYPE_CHECKING:
 OK, BAD_INPUT, NOT_REACHED, INTERRUPTED = 0, 2, 3, 130
 # Model sizes beyond this, or below its inverse, leave the range of doubles when squared twice.
 LARGEST = 1e50
+# Threads of dense kernels, read when numpy is imported. The matrices here are small: more threads
+# are no faster, stall where other programs run, and may change the last digits of a result.
+THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 app = typer.Typer(
     name="pqmesh",
@@ -58,8 +62,8 @@ class Kind(StrEnum):
 
     planar = "planar"
     conical = "conical"
-    edge_offset = "edge-offset"
     circular = "circular"
+    edge_offset = "edge-offset"
 
 
 class Boundary(StrEnum):
@@ -544,6 +548,8 @@ def _interrupt(number: int, frame: object) -> None:
 def main() -> None:
     """Run the command; bad input ends in one line and exit code 2."""
     Session.quiet = Session.debug = False
+    for name in THREADS:
+        os.environ.setdefault(name, "1")
     with contextlib.suppress(ValueError):  # not in the main thread
         signal.signal(signal.SIGTERM, _interrupt)
     with warnings.catch_warnings():

@@ -8,7 +8,6 @@ import numpy as np
 
 import pqmesh
 from pqmesh.errors import SpecError
-from pqmesh.koebe.best import best_edge_vectors
 from pqmesh.mesh.measure import circularity_defect
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.offset.distances import (
@@ -20,7 +19,7 @@ from pqmesh.offset.distances import (
     vertex_distance,
 )
 from pqmesh.offset.vectors import OffsetVectors, face_offset_vectors, vertex_offset_vectors
-from pqmesh.report import SCHEMA, all_measures, mesh_counts
+from pqmesh.report_mesh import SCHEMA, all_measures, judged, mesh_counts
 from pqmesh.transform.laguerre import LaguerreTransform
 from pqmesh.transform.moebius import MoebiusTransform
 from pqmesh.vectors import Floats
@@ -78,7 +77,7 @@ def offset_mesh(
         "first_reversed_edge_distance": float(bound) if np.isfinite(bound) else None,
         "before": all_measures(mesh, "circular" if kind == "vertex" else "conical"),
         "after": all_measures(moved, "circular" if kind == "vertex" else "conical"),
-        "tolerance": [_judged("offset", reached)],
+        "tolerance": [judged("offset", EXACT, reached)],
         "warnings": _offset_warnings(mesh, vectors.vectors, distance),
     }
     return moved, report
@@ -128,7 +127,7 @@ def transformed_mesh(
         "orientation": orientation,
         "before": before,
         "after": after,
-        "tolerance": [_judged(key, value) for key, value in asked.items()],
+        "tolerance": [judged(key, EXACT, value) for key, value in asked.items()],
         "warnings": list(warnings),
     }
     return image, report
@@ -155,6 +154,9 @@ def _vectors(mesh: QuadMesh, kind: str) -> OffsetVectors:
         return face_offset_vectors(mesh)
     if kind == "vertex":
         return vertex_offset_vectors(mesh)
+    # The fits to surfaces that come with it are long to import.
+    from pqmesh.koebe.best import best_edge_vectors
+
     return best_edge_vectors(mesh)
 
 
@@ -167,12 +169,6 @@ def _distance_error(mesh: QuadMesh, moved: QuadMesh, kind: str, distance: float)
     else:
         gaps = edge_distance(mesh, moved) - abs(distance)
     return float(np.abs(gaps).max())
-
-
-def _judged(key: str, reached: float | None) -> dict[str, Any]:
-    """A row of the tolerances; nothing is judged of what does not exist."""
-    passed = None if reached is None else bool(reached <= EXACT)
-    return {"key": key, "asked": EXACT, "reached": reached, "pass": passed}
 
 
 def _offset_warnings(mesh: QuadMesh, vectors: Floats, distance: float) -> list[str]:

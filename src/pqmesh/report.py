@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -14,23 +13,22 @@ from pqmesh.fabricate.trim import TrimmedPanels
 from pqmesh.job import Panelization
 from pqmesh.mesh.measure import (
     circularity_defect,
-    measures,
     planarity_deviation,
     plane_deviation,
 )
-from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
+from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.network.principal import Inside
 from pqmesh.network.region import PlanOutline, region_samples
-from pqmesh.offset.offsets import Layer, offset_vectors
-from pqmesh.offset.support import SupportStructure, twist
+from pqmesh.offset.offsets import Layer
+from pqmesh.offset.support import SupportStructure
 from pqmesh.optimize.solver import Solution
+from pqmesh.report_mesh import SCHEMA, all_measures, judged, mesh_counts
 from pqmesh.report_words import roof_warnings
 from pqmesh.surface.base import Surface
 from pqmesh.surface.curvature import first_form
 from pqmesh.surface.reference import Reference, SurfaceReference, TriangleReference
 from pqmesh.vectors import Floats, norm
 
-SCHEMA = 1
 # A sampled point of the surface counts as covered within this share of the mean edge.
 COVERED = 0.05
 
@@ -122,42 +120,11 @@ def optimization_report(
         within = 0.05 * start.mean_edge_length if within is None else within
     if within is not None:
         asked["deviation"], reached["deviation"] = within, report["deviation"]["max"]
-    report["tolerance"] = [_judged(key, asked[key], reached[key]) for key in asked]
+    report["tolerance"] = [judged(key, asked[key], reached[key]) for key in asked]
     return report
 
 
 # --- parts ----------------------------------------------------------------------------------
-
-
-def mesh_counts(mesh: PolyMesh) -> dict[str, int]:
-    """Counts of the combinatorics."""
-    topology = mesh.topology
-    return {
-        "vertices": topology.n_vertices,
-        "faces": topology.n_faces,
-        "edges": topology.n_edges,
-        "boundary_loops": len(topology.boundary_loops),
-        "irregular_vertices": len(topology.irregular_vertices),
-        "euler_characteristic": topology.euler_characteristic,
-        "pieces": int(topology.components.max()) + 1,
-    }
-
-
-def all_measures(mesh: QuadMesh, kind: str, axes: Floats | None = None) -> dict[str, Any]:
-    """Measures of the mesh with the twist of its node axes: given ones, or those of its kind."""
-    found: dict[str, Any] = measures(mesh)
-    found["twist_max_deg"] = None
-    if kind == "edge-offset" and axes is not None:
-        found["twist_max_deg"] = float(np.degrees(twist(mesh, axes).max()))
-        return found
-    # Axes of circular meshes are those of the vertex offset; a mesh in pieces has none.
-    in_one_piece = mesh.topology.components.max() == 0
-    # Nor has one with collapsed edges.
-    if mesh.edge_lengths.min() > 0 and (kind != "circular" or in_one_piece):
-        with suppress(ArithmeticError):
-            axes = offset_vectors(mesh, "circular" if kind == "circular" else "conical").axes
-            found["twist_max_deg"] = float(np.degrees(twist(mesh, axes).max()))
-    return found
 
 
 def deviation(start: QuadMesh, mesh: QuadMesh, reference: Reference) -> dict[str, float]:
@@ -324,12 +291,7 @@ def _tolerance(report: dict[str, Any], asked: dict[str, float]) -> list[dict[str
     if report["kind"] == "planar":
         # No constant distance exists for a mesh that is only planar: reported, not judged.
         reached["offset"] = None
-    return [_judged(key, asked[key], reached[key]) for key in asked]
-
-
-def _judged(key: str, asked: float, reached: float | None) -> dict[str, Any]:
-    passed = None if reached is None else bool(reached <= asked)
-    return {"key": key, "asked": asked, "reached": reached, "pass": passed}
+    return [judged(key, asked[key], reached[key]) for key in asked]
 
 
 def failed(report: dict[str, Any]) -> list[dict[str, Any]]:

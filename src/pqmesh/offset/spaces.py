@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -110,20 +111,26 @@ def face_offset_space(mesh: QuadMesh, tolerance: float) -> OffsetSpace:
     touching = touching_vectors(mesh)
     slides, matrix = parallel_slides(mesh, touching)
     vectors = touching.vectors + slides
-    band = max(ZERO_BAND * flatness, ZERO_FLOOR)
-    free = low_spectrum(matrix, band, 4).values if matrix.shape[1] else np.empty(0)
-    dimension = int(np.count_nonzero(free <= band))
+    dimension = _free_slides(matrix, flatness) if exists else None
     topology = mesh.topology
     normals = mesh.face_normals[topology.corner_faces]
     error = np.abs(dot(vectors[topology.indices], normals) - 1.0).max()
     return OffsetSpace(
         "face",
         exists,
-        dimension if exists else None,
+        dimension,
         vectors,
         float(error),
         *turned_edges(mesh, vectors),
     )
+
+
+def _free_slides(matrix: Any, flatness: float) -> int:
+    """Number of ways the vertices can slide on their planes with all edges parallel."""
+    if not matrix.shape[1]:
+        return 0
+    band = max(ZERO_BAND * flatness, ZERO_FLOOR)
+    return int(np.count_nonzero(low_spectrum(matrix, band, 4).values <= band))
 
 
 def turned_edges(mesh: QuadMesh, vectors: Floats) -> tuple[float, float]:
