@@ -260,6 +260,8 @@ def _written(roof: Roof, output: Path, spent: float) -> int:
         tell("write", None)
         report = write_panelization(output, roof, began=spent)
     say(roof_summary(report, output))
+    for text in report["warnings"]:
+        say(f"note: {text}")
     for row in failed(report):
         say(f"not reached: {row['key']} {row['reached']:.3g}, asked {row['asked']:.3g}")
     return NOT_REACHED if failed(report) else OK

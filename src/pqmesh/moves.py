@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import pqmesh
-from pqmesh.errors import SpecError
+from pqmesh.errors import MeshError, SpecError
 from pqmesh.mesh.measure import circularity_defect
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.offset.distances import (
@@ -61,6 +61,7 @@ def offset_mesh(
             f"positive one moves every face along its normal."
         )
     vectors = _vectors(mesh, kind)
+    _check_range(mesh, vectors.vectors, distance)
     moved = mesh.with_vertices(mesh.vertices + distance * vectors.vectors)
     error = _distance_error(mesh, moved, kind, distance)
     sines, outer = parallel_error(mesh, moved), mesh.topology.is_boundary_edge
@@ -78,7 +79,7 @@ def offset_mesh(
         "before": all_measures(mesh, "circular" if kind == "vertex" else "conical"),
         "after": all_measures(moved, "circular" if kind == "vertex" else "conical"),
         "tolerance": [judged("offset", EXACT, reached)],
-        "warnings": _offset_warnings(mesh, vectors.vectors, distance),
+        "warnings": [],
     }
     return moved, report
 
@@ -171,13 +172,16 @@ def _distance_error(mesh: QuadMesh, moved: QuadMesh, kind: str, distance: float)
     return float(np.abs(gaps).max())
 
 
-def _offset_warnings(mesh: QuadMesh, vectors: Floats, distance: float) -> list[str]:
-    """Edges that have turned back at a distance."""
-    turned = np.flatnonzero(1.0 + distance * edge_factors(mesh, vectors) <= 0)
+def _check_range(mesh: QuadMesh, vectors: Floats, distance: float) -> None:
+    """Refuse an offset in which edges run backwards."""
+    factors = 1.0 + distance * edge_factors(mesh, vectors)
+    turned = np.flatnonzero(factors <= 0)
     if not len(turned):
-        return []
+        return
     a, b = mesh.edges[turned[0]]
-    return [
-        f"{len(turned)} of {len(mesh.edges)} edges run backwards, the first is edge {a}-{b}: the "
-        f"offset lies beyond its focal set"
-    ]
+    low, high = valid_range(mesh, vectors)
+    raise MeshError(
+        f"An offset must not turn edges round; at {distance:g} edge {a}-{b} becomes "
+        f"{factors[turned[0]]:.3g} times as long ({len(turned)} such edges): it lies beyond the "
+        f"focal set. Choose a distance between {low:.6g} and {high:.6g}."
+    )

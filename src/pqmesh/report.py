@@ -291,7 +291,17 @@ def _tolerance(report: dict[str, Any], asked: dict[str, float]) -> list[dict[str
     if report["kind"] == "planar":
         # No constant distance exists for a mesh that is only planar: reported, not judged.
         reached["offset"] = None
+    beyond = max(map(_beyond, report["layers"]), default=0.0)
+    if beyond > 0.0:
+        # A layer whose edges run backwards is folded, however exact its distance.
+        reached["offset"] = max(beyond, reached["offset"] or 0.0)
     return [judged(key, asked[key], reached[key]) for key in asked]
+
+
+def _beyond(layer: dict[str, Any]) -> float:
+    """How far a layer lies beyond the distance at which its first edge reverses."""
+    bound = layer["first_reversed_edge_distance"]
+    return 0.0 if bound is None else max(abs(layer["distance"]) - abs(bound), 0.0)
 
 
 def failed(report: dict[str, Any]) -> list[dict[str, Any]]:

@@ -262,6 +262,16 @@ def test_tolerance_out_of_reach_ends_in_code_3_with_every_file_there(
     assert again.err.splitlines()[-1].startswith("not reached: deviation ")
 
 
+def test_layer_beyond_the_focal_set_ends_in_code_3(pqmesh: Command, tmp_path: Path) -> None:
+    (tmp_path / "roof.toml").write_text(toml(rest='kind = "conical"\n[layers]\ndistances = [-40]'))
+    result = pqmesh("panelize", "roof.toml", "-o", "out")
+    assert result.code == 3
+    assert "note: layer -40 lies beyond the focal set: its first edge reverses at -" in result.err
+    assert "not reached: offset" in result.err
+    layer = json.loads((tmp_path / "out" / "report.json").read_text())["layers"][0]
+    assert -40 < layer["first_reversed_edge_distance"] < 0
+
+
 def test_within_is_judged_when_it_was_asked_for(built: Command) -> None:
     report = built(toml(), "--within", "1e-13", code=3)
     failed = {row["key"]: row["asked"] for row in report["tolerance"] if row["pass"] is False}

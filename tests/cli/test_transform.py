@@ -1,6 +1,7 @@
 """`offset` and `transform`: what they write and print, how they agree, and what they refuse."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -111,11 +112,15 @@ def test_offset_that_is_not_exact_is_code_3_with_the_file_there(
     assert ("not reached: offset" in result.err) == (code == 3)
 
 
-def test_offset_beyond_the_focal_set_says_so(pqmesh: Command, tmp_path: Path, roof: Path) -> None:
-    result = pqmesh("offset", roof, "--distance", "-1.5", "-o", "out.obj", "--report", "out.json")
-    assert result.code == 0
-    assert "edges run backwards" in result.err
-    assert -1.5 < report_of(tmp_path)["first_reversed_edge_distance"] < 0
+def test_offset_beyond_the_focal_set_is_refused_with_its_edge_and_range(
+    pqmesh: Command, refused: Refused, roof: Path
+) -> None:
+    line = refused("offset", roof, "--distance", "-1.5", "-o", "out.obj")
+    found = re.search(r"edge \d+-\d+ becomes -\S+ times as long", line)
+    assert found, line
+    low = float(line.split("between ")[1].split(" and ")[0])
+    assert -1.5 < low < 0
+    assert pqmesh("offset", roof, "--distance", str(0.999 * low), "-o", "out.obj").code == 0
 
 
 @pytest.mark.parametrize("options", [("--boost", "0.2,-0.3,1,0.15"), ("--offset", "0.1")])
