@@ -66,9 +66,13 @@ def large_mesh(path: Path) -> None:
 
 def interrupted(arguments: list[str], folder: Path, number: int) -> tuple[int, str]:
     """Exit code and last line of a process that gets a signal once it optimises."""
-    with subprocess.Popen(
+    # A shell starts its background jobs deaf to interrupts, and they would pass it on.
+    deaf = signal.signal(signal.SIGINT, signal.default_int_handler)
+    process = subprocess.Popen(
         [sys.executable, *arguments], cwd=folder, stderr=subprocess.PIPE, text=True
-    ) as process:
+    )
+    signal.signal(signal.SIGINT, deaf)
+    with process:
         assert process.stderr is not None
         try:
             for line in process.stderr:
