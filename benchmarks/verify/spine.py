@@ -267,10 +267,14 @@ def oracles() -> list[Row]:
         "network",
         "optimize",
         "offset",
+        "koebe",
+        "transform",
         "fabricate",
         "view",
         "cli",
         "io",
+        "examples",
+        "convergence",
     ):
         done = subprocess.run(
             [sys.executable, "-m", "pytest", f"tests/{folder}", "-p", "no:cacheprovider"],

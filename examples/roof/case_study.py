@@ -28,8 +28,8 @@ from pqmesh.io.outlines import read_outline
 from pqmesh.io.strokes import flattened
 from pqmesh.job import Panelization, Spec, panelize
 from pqmesh.network.region import PlanOutline
+from pqmesh.outputs import json_bytes
 from pqmesh.report import deviation
-from pqmesh.results import json_bytes
 from pqmesh.source import read_design, spec_of
 from pqmesh.surface.base import Surface
 from pqmesh.surface.reference import SurfaceReference

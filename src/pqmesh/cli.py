@@ -168,7 +168,7 @@ def panelize(
     """Surface to panels: network, mesh, optimisation, layers, support structure, report."""
     began = time.perf_counter()
     from pqmesh.design import Design
-    from pqmesh.results import check_folder
+    from pqmesh.outputs import check_folder
 
     text = design_text(source)
     options: dict[str, tuple[tuple[str, ...], Any]] = {
@@ -253,7 +253,7 @@ def _roof(source: Source, name: str, *, flip: bool) -> Roof:
 
 def _written(roof: Roof, output: Path, spent: float) -> int:
     """The files of one surface written, and what to say of it: the exit code."""
-    from pqmesh.report import failed
+    from pqmesh.report_mesh import failed
     from pqmesh.results import write_panelization
 
     with progress() as tell:
@@ -282,8 +282,9 @@ def optimize(
 ) -> None:
     """Move the vertices of a quad mesh as little as makes it planar, conical or circular."""
     from pqmesh.io.formats import MESH_FORMATS, read_quad_mesh
-    from pqmesh.report import failed, optimization_report
-    from pqmesh.results import check_file, json_bytes, write_files
+    from pqmesh.outputs import check_file, json_bytes, write_files
+    from pqmesh.report import optimization_report
+    from pqmesh.report_mesh import failed
 
     _positive("--tolerance", tolerance)
     _positive("--within", within)
@@ -398,7 +399,7 @@ def _read_to_move(path: Path) -> QuadMesh:
 def _check_outputs(output: Path, report: Path | None) -> None:
     """Refuse outputs that cannot be written, before the work."""
     from pqmesh.io.formats import MESH_FORMATS
-    from pqmesh.results import check_file
+    from pqmesh.outputs import check_file
 
     check_file(output, list(MESH_FORMATS))
     if report is not None:
@@ -408,8 +409,8 @@ def _check_outputs(output: Path, report: Path | None) -> None:
 def _write_moved(moved: QuadMesh, found: dict[str, Any], output: Path, report: Path | None) -> int:
     """Write a moved mesh and its report, say what was reached, and give the exit code."""
     from pqmesh.io.formats import MESH_FORMATS
-    from pqmesh.report import failed
-    from pqmesh.results import json_bytes, write_files
+    from pqmesh.outputs import json_bytes, write_files
+    from pqmesh.report_mesh import failed
 
     files = {output: MESH_FORMATS[output.suffix.lower()].bytes_from_mesh(moved)}
     if report is not None:
@@ -437,7 +438,7 @@ def check(
     """Say what a mesh is: planar, circular, conical, dim P(M), which offsets, what is unusual."""
     from pqmesh.check import check_lines, check_report
     from pqmesh.io.formats import read_quad_mesh
-    from pqmesh.results import json_bytes
+    from pqmesh.outputs import json_bytes
 
     _positive("--tolerance", tolerance)
     quads = read_quad_mesh(mesh)
@@ -458,8 +459,8 @@ def example(
     ),
 ) -> None:
     """Write a ready design to edit; without NAME, list them."""
+    from pqmesh.outputs import check_folder, write_new
     from pqmesh.ready import EXAMPLES, example_files
-    from pqmesh.results import check_folder, write_new
 
     if name is None:
         for known, (text, _) in EXAMPLES.items():

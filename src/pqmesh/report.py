@@ -302,8 +302,3 @@ def _beyond(layer: dict[str, Any]) -> float:
     """How far a layer lies beyond the distance at which its first edge reverses."""
     bound = layer["first_reversed_edge_distance"]
     return 0.0 if bound is None else max(abs(layer["distance"]) - abs(bound), 0.0)
-
-
-def failed(report: dict[str, Any]) -> list[dict[str, Any]]:
-    """Tolerances of a report that were not reached."""
-    return [row for row in report["tolerance"] if row["pass"] is False]

@@ -52,3 +52,8 @@ def judged(key: str, asked: float, reached: float | None) -> dict[str, Any]:
     """A row of the tolerances; nothing is judged of what does not exist."""
     passed = None if reached is None else bool(reached <= asked)
     return {"key": key, "asked": asked, "reached": reached, "pass": passed}
+
+
+def failed(report: dict[str, Any]) -> list[dict[str, Any]]:
+    """Tolerances of a report that were not reached."""
+    return [row for row in report["tolerance"] if row["pass"] is False]
