@@ -17,9 +17,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.exceptions import TyperException
 
-from pqmesh.cli_said import Session, progress, roof_summary, say
+from pqmesh.cli_meshes import (
+    check_outputs,
+    check_shape,
+    read_to_move,
+    reference_of,
+    write_moved,
+)
+from pqmesh.cli_said import (
+    Session,
+    moved_summary,
+    optimized_summary,
+    progress,
+    reached,
+    roof_summary,
+    say,
+)
 from pqmesh.cli_typed import (
-    SURFACE_SUFFIXES,
     design_text,
     drop,
     edge_of,
@@ -30,7 +44,7 @@ from pqmesh.cli_typed import (
     put,
     transform_of,
 )
-from pqmesh.errors import MeshError, PqmeshError, SpecError
+from pqmesh.errors import PqmeshError, SpecError
 
 if TYPE_CHECKING:
     from pqmesh.design import Design
@@ -41,8 +55,6 @@ if TYPE_CHECKING:
     from pqmesh.surface.reference import Reference
 
 OK, BAD_INPUT, NOT_REACHED, INTERRUPTED = 0, 2, 3, 130
-# Model sizes beyond this, or below its inverse, leave the range of doubles when squared twice.
-LARGEST = 1e50
 # Threads of dense kernels, read when numpy is imported. The matrices here are small: more threads
 # are no faster, stall where other programs run, and may change the last digits of a result.
 THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
@@ -253,18 +265,12 @@ def _roof(source: Source, name: str, *, flip: bool) -> Roof:
 
 def _written(roof: Roof, output: Path, spent: float) -> int:
     """The files of one surface written, and what to say of it: the exit code."""
-    from pqmesh.report_mesh import failed
     from pqmesh.results import write_panelization
 
     with progress() as tell:
         tell("write", None)
         report = write_panelization(output, roof, began=spent)
-    say(roof_summary(report, output))
-    for text in report["warnings"]:
-        say(f"note: {text}")
-    for row in failed(report):
-        say(f"not reached: {row['key']} {row['reached']:.3g}, asked {row['asked']:.3g}")
-    return NOT_REACHED if failed(report) else OK
+    return OK if reached(roof_summary(report, output), report) else NOT_REACHED
 
 
 @app.command()
@@ -281,19 +287,13 @@ def optimize(
     report: Annotated[Path | None, typer.Option(help="Report file to write, JSON.")] = None,
 ) -> None:
     """Move the vertices of a quad mesh as little as makes it planar, conical or circular."""
-    from pqmesh.io.formats import MESH_FORMATS, read_quad_mesh
-    from pqmesh.outputs import check_file, json_bytes, write_files
     from pqmesh.report import optimization_report
-    from pqmesh.report_mesh import failed
 
     _positive("--tolerance", tolerance)
     _positive("--within", within)
-    check_file(output, list(MESH_FORMATS))
-    if report is not None:
-        check_file(report, [".json"])
-    start = read_quad_mesh(mesh)
-    _check_shape(start, mesh.name, edges=True)
-    target = _reference(reference, start)
+    check_outputs(output, report)
+    start = read_to_move(mesh)
+    target = reference_of(reference, start)
     with progress() as tell:
         tell("optimize", None)
         solution = _optimized(
@@ -311,22 +311,8 @@ def optimize(
         flat=tolerance,
         within=within,
     )
-    files = {output: MESH_FORMATS[output.suffix.lower()].bytes_from_mesh(moved)}
-    if report is not None:
-        files[report] = json_bytes(found)
-    write_files(files)
-    before, after, deviation = found["before"], found["after"], found["deviation"]
-    mean = before["edge_mean"]
-    say(
-        f"{kind}: planarity {before['planarity_max']:.2e} -> {after['planarity_max']:.2e}, "
-        f"moved {deviation['moved_max']:.4g} ({deviation['moved_max'] / mean:.3g} edges), "
-        f"deviation rms {deviation['rms']:.4g} ({100 * deviation['rms'] / mean:.3g} % of an edge), "
-        f"{after['nonconvex_faces']} non-convex, {after['flipped_faces']} flipped; "
-        f"{solution.reason}"
-    )
-    for row in failed(found):
-        say(f"not reached: {row['key']} {row['reached']:.3g}, asked {row['asked']:.3g}")
-    raise typer.Exit(NOT_REACHED if failed(found) else OK)
+    write_moved(moved, found, output, report)
+    raise typer.Exit(OK if reached(optimized_summary(found), found) else NOT_REACHED)
 
 
 @app.command()
@@ -340,10 +326,11 @@ def offset(
     """Offset a mesh at a constant distance of its vertices, edges or faces."""
     from pqmesh.moves import offset_mesh
 
-    _check_outputs(output, report)
-    start = _read_to_move(mesh)
+    check_outputs(output, report)
+    start = read_to_move(mesh)
     moved, found = offset_mesh(start, kind.value, distance, source=mesh.name)
-    raise typer.Exit(_write_moved(moved, found, output, report))
+    write_moved(moved, found, output, report)
+    raise typer.Exit(OK if reached(moved_summary(found, output), found) else NOT_REACHED)
 
 
 @app.command()
@@ -381,52 +368,11 @@ def transform(
         "--moebius": moebius,
     }
     wanted = transform_of(options, center)
-    _check_outputs(output, report)
-    start = _read_to_move(mesh)
+    check_outputs(output, report)
+    start = read_to_move(mesh)
     image, found = transformed_mesh(start, wanted, source=mesh.name)
-    raise typer.Exit(_write_moved(image, found, output, report))
-
-
-def _read_to_move(path: Path) -> QuadMesh:
-    """A quad mesh that can be offset or transformed."""
-    from pqmesh.io.formats import read_quad_mesh
-
-    mesh = read_quad_mesh(path)
-    _check_shape(mesh, path.name, edges=True)
-    return mesh
-
-
-def _check_outputs(output: Path, report: Path | None) -> None:
-    """Refuse outputs that cannot be written, before the work."""
-    from pqmesh.io.formats import MESH_FORMATS
-    from pqmesh.outputs import check_file
-
-    check_file(output, list(MESH_FORMATS))
-    if report is not None:
-        check_file(report, [".json"])
-
-
-def _write_moved(moved: QuadMesh, found: dict[str, Any], output: Path, report: Path | None) -> int:
-    """Write a moved mesh and its report, say what was reached, and give the exit code."""
-    from pqmesh.io.formats import MESH_FORMATS
-    from pqmesh.outputs import json_bytes, write_files
-    from pqmesh.report_mesh import failed
-
-    files = {output: MESH_FORMATS[output.suffix.lower()].bytes_from_mesh(moved)}
-    if report is not None:
-        files[report] = json_bytes(found)
-    write_files(files)
-    after = found["after"]
-    say(
-        f"{found['kind']}: planarity {after['planarity_max']:.2e}, cone spread "
-        f"{after['cone_spread_max'] or 0.0:.2e}, edges {after['edge_min']:.4g} to "
-        f"{after['edge_max']:.4g}; written to {output}"
-    )
-    for text in found["warnings"]:
-        say(f"note: {text}")
-    for row in failed(found):
-        say(f"not reached: {row['key']} {row['reached']:.3g}, asked {row['asked']:.3g}")
-    return NOT_REACHED if failed(found) else OK
+    write_moved(image, found, output, report)
+    raise typer.Exit(OK if reached(moved_summary(found, output), found) else NOT_REACHED)
 
 
 @app.command()
@@ -442,7 +388,7 @@ def check(
 
     _positive("--tolerance", tolerance)
     quads = read_quad_mesh(mesh)
-    _check_shape(quads, mesh.name, edges=False)
+    check_shape(quads, mesh.name, edges=False)
     found = check_report(quads, source=mesh.name, units=None, tolerance=tolerance)
     if as_json:
         typer.echo(json_bytes(found).decode(), nl=False)
@@ -498,50 +444,10 @@ def _optimized(
 # --- helpers of the shell -------------------------------------------------------------------
 
 
-def _check_shape(mesh: QuadMesh, name: str, *, edges: bool) -> None:
-    """Refuse meshes without area or of a size that squares leave the range of numbers."""
-    from pqmesh.vectors import norm
-
-    extent = float((mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)).max())
-    if not 1 / LARGEST < extent < LARGEST:
-        raise MeshError(
-            f"{name}: the extent of a mesh must lie between {1 / LARGEST:g} and {LARGEST:g}; found "
-            f"{extent:g}. Check its coordinates and units."
-        )
-    if norm(mesh.face_area_vectors).sum() <= 1e-14 * extent**2:
-        raise MeshError(f"{name}: a mesh must have area; all its faces have none. Export it again.")
-    if edges and not mesh.edge_lengths.min() > 0:
-        a, b = mesh.edges[mesh.edge_lengths.argmin()]
-        raise MeshError(
-            f"{name}: the edges of the mesh must have length; edge {a}-{b} has none. "
-            f"Merge its ends, or move one. (Vertices count from 0 here.)"
-        )
-
-
 def _positive(name: str, value: float | None) -> None:
     """Refuse an option that is not a finite number above 0."""
     if value is not None and not 0 < value < math.inf:
         raise SpecError(f"{name} must be a number above 0; found {value:g}. Raise it.")
-
-
-def _reference(path: Path | None, start: Any) -> Reference:
-    """The surface to stay close to; the start mesh itself without one."""
-    from pqmesh.surface.reference import SurfaceReference, TriangleReference
-
-    if path is None:
-        return TriangleReference.of_polygons(start.vertices, start.topology.face_lists())
-    if path.suffix.lower() in (".toml", *SURFACE_SUFFIXES):
-        from pqmesh.design import Design
-        from pqmesh.source import opened_surface
-
-        text = design_text(path)
-        # Only the surface counts here; a design without panels will do.
-        text.tables.setdefault("panels", {"edge": 1.0})
-        return SurfaceReference(opened_surface(Design.of(text.tables, text.where), text.folder))
-    from pqmesh.io.formats import read_mesh
-
-    other = read_mesh(path)
-    return TriangleReference.of_polygons(other.vertices, other.topology.face_lists())
 
 
 def _interrupt(number: int, frame: object) -> None:

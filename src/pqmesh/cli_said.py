@@ -54,6 +54,19 @@ def progress() -> Iterator[Any]:
         yield live
 
 
+def reached(summary: str, report: dict[str, Any]) -> bool:
+    """Say what came out, what to know of it and what was missed; truth when nothing was."""
+    from pqmesh.report_mesh import failed
+
+    say(summary)
+    for text in report.get("warnings", ()):
+        say(f"note: {text}")
+    missed = failed(report)
+    for row in missed:
+        say(f"not reached: {row['key']} {row['reached']:.3g}, asked {row['asked']:.3g}")
+    return not missed
+
+
 def roof_summary(report: dict[str, Any], output: Path) -> str:
     """One line about a roof."""
     after, deviation = report["after"], report["deviation"]
@@ -62,4 +75,28 @@ def roof_summary(report: dict[str, Any], output: Path) -> str:
         f"{after['planarity_max']:.1e}, twist "
         f"{after['twist_max_deg'] if after['twist_max_deg'] is not None else 0.0:.1e} deg, "
         f"deviation {deviation['max']:.3g} {report['units']}; written to {output}"
+    )
+
+
+def optimized_summary(report: dict[str, Any]) -> str:
+    """One line about an optimised mesh."""
+    before, after, deviation = report["before"], report["after"], report["deviation"]
+    mean = before["edge_mean"]
+    return (
+        f"{report['kind']}: planarity {before['planarity_max']:.2e} -> "
+        f"{after['planarity_max']:.2e}, "
+        f"moved {deviation['moved_max']:.4g} ({deviation['moved_max'] / mean:.3g} edges), "
+        f"deviation rms {deviation['rms']:.4g} ({100 * deviation['rms'] / mean:.3g} % of an edge), "
+        f"{after['nonconvex_faces']} non-convex, {after['flipped_faces']} flipped; "
+        f"{report['solver']['reason']}"
+    )
+
+
+def moved_summary(report: dict[str, Any], output: Path) -> str:
+    """One line about an offset or an image."""
+    after = report["after"]
+    return (
+        f"{report['kind']}: planarity {after['planarity_max']:.2e}, cone spread "
+        f"{after['cone_spread_max'] or 0.0:.2e}, edges {after['edge_min']:.4g} to "
+        f"{after['edge_max']:.4g}; written to {output}"
     )

@@ -1,6 +1,5 @@
 """The command run in this process, in a folder of its own, and what must hold of every failure."""
 
-import os
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -104,13 +103,3 @@ def refused(pqmesh: Command, tmp_path: Path) -> Callable[..., str]:
         return line
 
     return run
-
-
-@pytest.fixture(scope="session")
-def data_folder() -> Path:
-    """Folder of the real files: the variable PQMESH_DATA, else shared/data beside the checkout."""
-    beside = Path(__file__).resolve().parents[3] / "shared" / "data"
-    folder = Path(os.environ.get("PQMESH_DATA", beside))
-    if not folder.is_dir():
-        pytest.skip("the real files are not here; set PQMESH_DATA to their folder")
-    return folder

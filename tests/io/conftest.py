@@ -1,7 +1,4 @@
-"""Tiny meshes of every kind of face, and the folder of real files."""
-
-import os
-from pathlib import Path
+"""Tiny meshes of every kind of face."""
 
 import numpy as np
 import pytest
@@ -73,13 +70,3 @@ def mesh(request: pytest.FixtureRequest) -> PolyMesh:
 @pytest.fixture
 def mixed() -> PolyMesh:
     return _triangle_quad_pentagon()
-
-
-@pytest.fixture(scope="session")
-def data_folder() -> Path:
-    """Folder of the real files: the variable PQMESH_DATA, else shared/data beside the checkout."""
-    beside = Path(__file__).resolve().parents[3] / "shared" / "data"
-    folder = Path(os.environ.get("PQMESH_DATA", beside))
-    if not folder.is_dir():
-        pytest.skip("the real files are not here; set PQMESH_DATA to their folder")
-    return folder
