@@ -10,14 +10,8 @@ import pqmesh
 from pqmesh.errors import MeshError, SpecError
 from pqmesh.mesh.measure import circularity_defect
 from pqmesh.mesh.quadmesh import QuadMesh
-from pqmesh.offset.distances import (
-    edge_distance,
-    edge_factors,
-    face_distance,
-    parallel_error,
-    valid_range,
-    vertex_distance,
-)
+from pqmesh.offset.distances import edge_factors, valid_range
+from pqmesh.offset.offsets import offset_layer
 from pqmesh.offset.vectors import OffsetVectors, face_offset_vectors, vertex_offset_vectors
 from pqmesh.report_mesh import SCHEMA, all_measures, judged, mesh_counts
 from pqmesh.transform.laguerre import LaguerreTransform
@@ -62,26 +56,22 @@ def offset_mesh(
         )
     vectors = _vectors(mesh, kind)
     _check_range(mesh, vectors.vectors, distance)
-    moved = mesh.with_vertices(mesh.vertices + distance * vectors.vectors)
-    error = _distance_error(mesh, moved, kind, distance)
-    sines, outer = parallel_error(mesh, moved), mesh.topology.is_boundary_edge
-    low, high = valid_range(mesh, vectors.vectors)
-    bound = high if distance > 0 else low
+    layer = offset_layer(mesh, vectors, distance)
     # Vertices may keep their distance while edges turn: the gap of the vectors counts as well.
-    reached = max(error / abs(distance), vectors.error)
+    reached = max(layer.distance_error_max / abs(distance), vectors.error)
     report = {
         **_head(mesh, kind, source),
         "distance": distance,
-        "distance_error_max": error,
-        "parallel_error_max": float(sines[~outer].max(initial=0.0)),
-        "parallel_error_boundary_max": float(sines[outer].max(initial=0.0)),
-        "first_reversed_edge_distance": float(bound) if np.isfinite(bound) else None,
+        "distance_error_max": layer.distance_error_max,
+        "parallel_error_max": layer.parallel_error_max,
+        "parallel_error_boundary_max": layer.parallel_error_boundary_max,
+        "first_reversed_edge_distance": layer.first_reversed_edge_distance,
         "before": all_measures(mesh, "circular" if kind == "vertex" else "conical"),
-        "after": all_measures(moved, "circular" if kind == "vertex" else "conical"),
+        "after": all_measures(layer.mesh, "circular" if kind == "vertex" else "conical"),
         "tolerance": [judged("offset", EXACT, reached)],
         "warnings": [],
     }
-    return moved, report
+    return layer.mesh, report
 
 
 def transformed_mesh(
@@ -159,17 +149,6 @@ def _vectors(mesh: QuadMesh, kind: str) -> OffsetVectors:
     from pqmesh.koebe.best import best_edge_vectors
 
     return best_edge_vectors(mesh)
-
-
-def _distance_error(mesh: QuadMesh, moved: QuadMesh, kind: str, distance: float) -> float:
-    """Largest deviation from the distance, model unit."""
-    if kind == "face":
-        gaps = face_distance(mesh, moved) - distance
-    elif kind == "vertex":
-        gaps = vertex_distance(mesh, moved) - abs(distance)
-    else:
-        gaps = edge_distance(mesh, moved) - abs(distance)
-    return float(np.abs(gaps).max())
 
 
 def _check_range(mesh: QuadMesh, vectors: Floats, distance: float) -> None:
