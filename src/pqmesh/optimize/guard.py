@@ -59,6 +59,13 @@ class Guard:
         edges = norm(ends[:, 1] - ends[:, 0]) < self.least_edge
         return faces, edges
 
+    def beside(self, edges: Mask) -> Mask:
+        """Faces (F,) with an edge among those given (E,)."""
+        topology = self.mesh.topology
+        found = np.zeros(topology.n_faces, dtype=np.bool_)
+        found[topology.corner_faces[edges[topology.face_edges].ravel()]] = True
+        return found
+
 
 def _corner_sines(corners: Floats) -> Floats:
     """Sines of the corner angles (F, 4), negative where a corner is reflex or folded."""
