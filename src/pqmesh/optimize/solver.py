@@ -35,9 +35,16 @@ from pqmesh.vectors import TINY, Floats, Mask, norm
 __all__ = ["Solution", "Step", "solve"]
 
 FIRST_PENALTY, LAST_PENALTY = 1e1, 1e8
+# A start whose hard residuals are below the second number is taken for near: the first penalty is
+# then the first number, and goes back to the ordinary one if the first step shows otherwise.
+NEAR_PENALTY, NEAR = 1e5, 0.02
 # The penalty grows at least by the first factor after a full step; the straighter the hard goals
 # were along it, the more, up to the second: near the solution nothing is gained by small ones.
 LEAST_GROWTH, MOST_GROWTH, BENT = 10.0, 1e5, 0.1
+# Where growth is as large as this, the goals are straight enough to be met exactly in one step:
+# the linearised problem is then solved to so small a share of the residuals, by so many more
+# solutions with the factor at hand.
+STRAIGHT, EXACT, CORRECTIONS = 1e3, 1e-4, 5
 # The soft goals damp the finish where hard goals nearly depend on each other (closed meshes), so
 # there they fade further.
 FINISH_PENALTY = 1e12
@@ -66,6 +73,7 @@ class _State:
     penalty: float
     damping: float
     brakes: Floats
+    straight: bool = False
     finishing: bool = False
 
 
@@ -102,7 +110,9 @@ def solve(
     blocks = {name: np.array(block) for name, block in problem.blocks.items()}
     brakes = np.zeros(mesh.topology.n_faces)
     values = _evaluated(problem.goals, blocks)
-    state = _State(blocks, problem.goals, values, {}, FIRST_PENALTY, 1e-9, brakes)
+    near = _hardest(problem.goals, values) < NEAR
+    penalty = NEAR_PENALTY if near else FIRST_PENALTY
+    state = _State(blocks, problem.goals, values, {}, penalty, 1e-9, brakes, near)
     best = Best(ROUNDINGS * EPSILON * np.abs(mesh.vertices).max() / length)
     steps: list[Step] = []
     best.offer(state.blocks, state.goals, state.values)
@@ -127,6 +137,18 @@ def solve(
             state = replace(state, finishing=True, multipliers={})
             best.forget()
     return best.solution(tuple(steps), f"stopped after {most_steps} steps")
+
+
+def _hardest(goals: tuple[Goal, ...], values: tuple[tuple[Floats, Floats], ...]) -> float:
+    """Largest residual of a hard goal beyond its slack."""
+    return max(
+        (
+            float(np.abs(goal.beyond(residual)).max(initial=0.0))
+            for goal, (residual, _) in zip(goals, values, strict=True)
+            if goal.hard
+        ),
+        default=0.0,
+    )
 
 
 def _evaluated(
@@ -161,6 +183,8 @@ def _advance(
         if not np.isfinite(direction).all():
             damping = max(10.0 * damping, 1e-8)
             continue
+        if state.straight or state.finishing:
+            here, direction = here.sharpened(direction, factor)
         taken = here.line_search(direction, factor)
         short = taken is None or taken.share < here.whole(direction)
         blocking = here.blocking(direction) if short and tries else None
@@ -170,7 +194,7 @@ def _advance(
             brakes = np.where(blocking, stiffer, brakes)
         elif taken is not None:
             growth = here.growth(direction, taken)
-            return _updated(replace(state, brakes=brakes), taken, damping, growth, length)
+            return _updated(replace(here.state, brakes=brakes), taken, damping, growth, length)
         else:
             damping = max(30.0 * damping, 1e-6)
     return replace(state, damping=damping), None
@@ -220,6 +244,43 @@ class _Place:
                             return _Taken(blocks, values, share, bent=True)
             share *= 0.5
         return None
+
+    def sharpened(self, direction: Floats, factor: Factor) -> tuple[_Place, Floats]:
+        """The step that meets the linearised hard goals, and the place with its multipliers.
+
+        A penalty leaves a share of each residual; the multiplier that the share stands for is
+        added, and the step solved again with the factor at hand, until hardly any is left.
+        """
+        goals = self.state.goals
+        old = [goal.beyond(value) for goal, (value, _) in zip(goals, self.state.values, strict=True)]
+        first = max((float(np.abs(r).max(initial=0.0)) for g, r in zip(goals, old, strict=True) if g.hard), default=0.0)
+        total = [np.zeros_like(residual) for residual in old]
+        before = first
+        for _ in range(CORRECTIONS):
+            changes = self.assembly.changes(self.parts, direction)
+            left = [
+                residual + change if goal.hard else np.zeros_like(residual)
+                for goal, residual, change in zip(goals, old, changes, strict=True)
+            ]
+            worst = max(float(np.abs(rest).max(initial=0.0)) for rest in left)
+            if not EXACT * first < worst < 0.5 * before:
+                break
+            correction = factor.solve(self.assembly.descent(self.parts, left))
+            if not np.isfinite(correction).all():
+                break
+            direction = direction + correction
+            total = [sum_ + rest for sum_, rest in zip(total, left, strict=True)]
+            before = worst
+        if self.state.finishing:
+            return self, direction
+        multipliers = {
+            goal.name: self.state.multipliers.get(goal.name, 0.0) + self.state.penalty * shift
+            for goal, shift in zip(goals, total, strict=True)
+            if goal.hard
+        }
+        state = replace(self.state, multipliers=multipliers)
+        merit = _merit(self.parts, _shifted(state, state.values))
+        return replace(self, state=state, merit=merit), direction
 
     def growth(self, direction: Floats, taken: _Taken) -> float:
         """Factor for the penalty after a step: large where the hard goals were nearly straight."""
@@ -316,7 +377,9 @@ def _updated(
                 shift = multipliers.get(goal.name, 0.0) / state.penalty
                 multipliers[goal.name] = state.penalty * goal.beyond(residual + shift)
     penalty = state.penalty
-    if taken.share == 1.0:
+    if state.straight and growth < LEAST_GROWTH * 10.0 and penalty == NEAR_PENALTY:
+        penalty, multipliers = FIRST_PENALTY, {}
+    elif taken.share == 1.0:
         highest = FINISH_PENALTY if state.finishing else LAST_PENALTY
         penalty = min(penalty * growth, highest)
         damping = max(damping * 0.1, 1e-12)
@@ -330,6 +393,7 @@ def _updated(
         multipliers=multipliers,
         penalty=penalty,
         damping=damping,
+        straight=growth >= STRAIGHT,
     ), step
 
 
