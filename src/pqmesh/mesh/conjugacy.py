@@ -103,6 +103,9 @@ class Conjugacy:
     def verdict(self) -> str:
         """One of `VERDICTS`."""
         turn, ratio = self.turn_median, self.ratio_median
+        if self.decided.all() and not self.turn.any():
+            # Nothing has to turn, however few faces there are.
+            return "conjugate"
         if turn is None or self.is_coarse:
             return "undecided"
         if ratio is None or turn <= NEAR or ratio >= CONVERGING:

@@ -1,11 +1,11 @@
-"""What an outlook means for a designer, in sentences: what must hold, what was found, what to do."""
+"""An outlook in sentences for a designer: what must hold, what was found, what to do."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from pqmesh.mesh.conjugacy import ASYMPTOTIC, FAR
-from pqmesh.optimize.outlook import Outlook, Region
+from pqmesh.mesh.conjugacy import FAR
+from pqmesh.optimize.outlook import Outlook
 from pqmesh.vectors import Floats
 
 # Moves up to this many mean edges keep the look of the net.
@@ -13,7 +13,7 @@ SLIDE = 1.0
 # Families of a net along curvature lines meet under at least this angle, radians, in the median.
 UPRIGHT = np.radians(85.0)
 
-REMESH = "Panel the surface anew along a network that fits: pqmesh panelize --network principal."
+REMESH = "panel the surface anew along its lines of curvature (pqmesh panelize --network principal)"
 
 
 def advice(found: Outlook, origin: Floats | float = 0.0) -> tuple[str, ...]:
@@ -38,21 +38,18 @@ def advice(found: Outlook, origin: Floats | float = 0.0) -> tuple[str, ...]:
 def _starts(found: Outlook, origin: Floats | float) -> list[str]:
     """What is broken before anything moves."""
     said = []
-    for what, must in (
-        ("not convex", "Faces should be convex at the start"),
-        ("turned over", "Faces should look the same way as their neighbours"),
-        ("short", "Edges should be about as long as those opposite to them"),
+    for what, must, are, noun in (
+        ("not convex", "Faces should be convex at the start", "not convex", "face"),
+        ("turned over", "Faces should look the way their neighbours do", "turned over", "face"),
+        ("short", "Edges should be about as long as those opposite", "much shorter", "edge"),
     ):
         listed = [entry for entry in found.broken if entry.what == what]
         if listed:
-            first = listed[0]
-            name = "edge" if what == "short" else "face"
-            label = "-".join(map(str, first.where))
-            are = "much shorter" if what == "short" else what
+            name = "-".join(map(str, listed[0].where))
             said.append(
-                f"{must}; {len(listed)} {'is' if len(listed) == 1 else 'are'} {are}, first {name} "
-                f"{label} at {place(first.at + origin)}. Mend the start there: the optimiser keeps "
-                f"whole what is whole, and may leave these as they are."
+                f"{must}; {len(listed)} {'is' if len(listed) == 1 else 'are'} {are}, the first is "
+                f"{noun} {name} at {place(listed[0].at + origin)}. Mend the start there: the "
+                f"optimiser keeps whole what is whole, and may leave these as they are."
             )
     return said
 
@@ -66,19 +63,20 @@ def _nets(found: Outlook) -> list[str]:
         return [
             f"The lines are asymptotic: both families lie near asymptotic directions of the "
             f"surface, which faces cannot follow and be flat; the lines must turn by {turn:.3g} "
-            f"deg in the median. {REMESH}"
+            f"deg in the median.{_slide(found)} Better {REMESH}."
         ]
     if found.verdict == "far from conjugate":
         return [
             f"The two families of lines must be conjugate for flat faces (II(a, b) = 0); they "
             f"must turn by {turn:.3g} deg in the median, and by more than "
-            f"{np.degrees(FAR):.0f} deg in {share:.3g} % of the faces.{_slide(found)} {REMESH}"
+            f"{np.degrees(FAR):.0f} deg in {share:.3g} % of the faces.{_slide(found)} Better "
+            f"{REMESH}."
         ]
     if found.verdict == "nearly conjugate":
         return [
             f"The two families of lines must be conjugate for flat faces (II(a, b) = 0); they "
-            f"must turn by {turn:.3g} deg in the median.{_slide(found)} If that is too much: "
-            f"{REMESH}"
+            f"must turn by {turn:.3g} deg in the median.{_slide(found)} If that is too much, "
+            f"{REMESH}."
         ]
     if found.verdict == "undecided":
         return [_undecided(found)]
@@ -111,7 +109,7 @@ def _turned(found: Outlook) -> list[str]:
     return [
         f"The lines of a {found.kind} mesh must follow the lines of curvature, which meet under 90 "
         f"deg; these are conjugate, but meet under {np.degrees(middle):.3g} deg in the median."
-        f"{_slide(found)} Choose kind planar, or: {REMESH}"
+        f"{_slide(found)} Choose kind planar, or {REMESH}."
     ]
 
 
@@ -129,21 +127,26 @@ def _regions(found: Outlook, origin: Floats | float) -> list[str]:
     """The worst region, and how many more."""
     if not found.regions or found.verdict == "undecided":
         return []
+    worst = found.regions[0]
+    where = f"face {worst.worst} at {place(worst.at + origin)}, by {np.degrees(worst.turn):.3g} deg"
+    if found.verdict == "conjugate":
+        count = int(found.conjugacy.is_far.sum())
+        return [
+            f"The lines are conjugate but for {_counted(count, 'face')} in "
+            f"{_counted(len(found.regions), 'region')}; they must turn most in {where}."
+        ]
+    lean = f", {100 * worst.asymptotic:.3g} % of them asymptotic" if worst.asymptotic else ""
     more = len(found.regions) - 1
-    rest = f" {more} more {'region' if more == 1 else 'regions'} in the report." if more else ""
-    return [_region(found.regions[0], origin) + rest]
+    rest = f"; {_counted(more, 'region')} more in the report" if more else ""
+    return [
+        f"The worst region has {_counted(len(worst.faces), 'face')}{lean}; the lines must turn "
+        f"most in {where}{rest}."
+    ]
 
 
-def _region(region: Region, origin: Floats | float) -> str:
-    """A region in words."""
-    count = len(region.faces)
-    text = (
-        f"Worst are {count} faces around" if count > 1 else "Worst is"
-    ) + f" face {region.worst} at {place(region.at + origin)}: there the lines must turn by "
-    text += f"{np.degrees(region.turn):.3g} deg"
-    if region.turn > ASYMPTOTIC:
-        text += f" (asymptotic in {100 * region.asymptotic:.3g} % of them)" if count > 1 else ""
-    return text + "."
+def _counted(number: int, noun: str) -> str:
+    """A number with its noun."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def place(point: Floats) -> str:
