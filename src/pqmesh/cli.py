@@ -294,6 +294,11 @@ def optimize(
 
     _positive("--tolerance", tolerance)
     _positive("--within", within)
+    if kind is Kind.edge_offset and boundary is not Boundary.free:
+        raise SpecError(
+            f"--kind edge-offset fits a mesh with a free boundary; found --boundary {boundary}. "
+            f"Leave it out."
+        )
     check_outputs(output, report)
     start = read_to_move(mesh)
     target = reference_of(reference, start)
@@ -444,11 +449,6 @@ def _optimized(
 
     if kind is not Kind.edge_offset:
         return optimized(kind, start, target, boundary=boundary, within=within, progress=told)
-    if boundary is not Boundary.free:
-        raise SpecError(
-            f"--kind edge-offset fits a mesh with a free boundary; found --boundary {boundary}. "
-            f"Leave it out."
-        )
     return edge_offset_solution(start, target, start.vertex_normals, told)[0]
 
 

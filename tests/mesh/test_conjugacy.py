@@ -206,7 +206,9 @@ def test_size_place_and_side_do_not_matter():
     mesh = rough(roof(16), 0.002)
     plain = conjugacy(mesh)
     turned = conjugacy(
-        mesh.with_vertices(1000.0 * mesh.vertices @ random_rotation(np.random.default_rng(3)).T + [3e4, -1e4, 2e4])
+        mesh.with_vertices(
+            1000.0 * mesh.vertices @ random_rotation(np.random.default_rng(3)).T + [3e4, -1e4, 2e4]
+        )
     )
     assert np.allclose(plain.turn, turned.turn, rtol=0, atol=1e-6)
     assert np.allclose(plain.ratio, turned.ratio, rtol=1e-6)

@@ -8,8 +8,8 @@ from pqmesh.mesh.conjugacy import FAR
 from pqmesh.optimize.outlook import Outlook
 from pqmesh.vectors import Floats
 
-# Moves up to this many mean edges keep the look of the net.
-SLIDE = 1.0
+# Moves up to this many mean edges keep the look of the net; those below the second are none.
+SLIDE, STILL = 1.0, 0.1
 # Families of a net along curvature lines meet under at least this angle, radians, in the median.
 UPRIGHT = np.radians(85.0)
 
@@ -72,6 +72,9 @@ def _nets(found: Outlook) -> list[str]:
             f"{np.degrees(FAR):.0f} deg in {share:.3g} % of the faces.{_slide(found)} Better "
             f"{REMESH}."
         ]
+    if found.verdict != "conjugate" and (found.move_edges or np.inf) < STILL:
+        # It is flat nearly where it is, whatever its lines.
+        return []
     if found.verdict == "nearly conjugate":
         return [
             f"The two families of lines must be conjugate for flat faces (II(a, b) = 0); they "
