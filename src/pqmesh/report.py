@@ -87,6 +87,8 @@ def panelization_report(
         "solver": solver_report(result.solution),
         "warnings": [*notes, *result.notes, *roof_warnings(result, origin)],
     }
+    if not result.solution.converged:
+        report["warnings"] += report["outlook"]["advice"]
     report["tolerance"] = _tolerance(report, design.tolerances)
     return report
 

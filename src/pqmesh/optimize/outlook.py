@@ -132,7 +132,7 @@ def outlook(
       kept, down to moves of 1e-4 edges;
     - too large, up to 6 times, where conical and circular meshes were reached by leaving the
       surface instead: 5 edges and more mean that they will not stay near it;
-    - 0.2 to 0.5 times the real one on rough meshes.
+    - too small, down to a tenth, on rough meshes whose lines would be conjugate.
 
     It does not see faces that break on the way, and grows with refinement: the slide is a length,
     not a number of edges. The part along the normal is a lower bound: a long slide leaves the
