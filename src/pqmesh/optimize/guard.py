@@ -48,6 +48,10 @@ class Guard:
         edges = np.maximum(LEAST_EDGE * lengths.min(), LEAST_OWN_EDGE * lengths)
         return cls(mesh, least, edges, mesh.face_normals)
 
+    def corner_sines(self, vertices: Floats) -> Floats:
+        """Smallest signed sine of each face's corners at the given positions, shape (F,)."""
+        return np.asarray(_corner_sines(vertices[self.mesh.faces]).min(axis=1))
+
     def broken(self, vertices: Floats) -> tuple[Mask, Mask]:
         """Faces (F,) and edges (E,) beyond their limits at the given positions."""
         corners = vertices[self.mesh.faces]
