@@ -37,7 +37,7 @@ __all__ = ["Solution", "Step", "solve"]
 FIRST_PENALTY, LAST_PENALTY = 1e1, 1e8
 # A start whose hard residuals are below the second number is taken for near: the first penalty is
 # then the first number, and goes back to the ordinary one if the first step shows otherwise.
-NEAR_PENALTY, NEAR = 1e5, 0.02
+NEAR_PENALTY, NEAR = 1e6, 0.02
 # The penalty grows at least by the first factor after a full step; the straighter the hard goals
 # were along it, the more, up to the second: near the solution nothing is gained by small ones.
 LEAST_GROWTH, MOST_GROWTH, BENT = 10.0, 1e5, 0.1
@@ -45,6 +45,8 @@ LEAST_GROWTH, MOST_GROWTH, BENT = 10.0, 1e5, 0.1
 # the linearised problem is then solved to so small a share of the residuals, by so many more
 # solutions with the factor at hand.
 STRAIGHT, EXACT, CORRECTIONS = 1e3, 1e-4, 5
+# Rounds of Newton's method with an old factor, each of which has to leave less than such a share.
+ROUNDS, WORTH = 8, 0.3
 # The soft goals damp the finish where hard goals nearly depend on each other (closed meshes), so
 # there they fade further.
 FINISH_PENALTY = 1e12
@@ -194,10 +196,24 @@ def _advance(
             brakes = np.where(blocking, stiffer, brakes)
         elif taken is not None:
             growth = here.growth(direction, taken)
+            if growth >= STRAIGHT or state.finishing:
+                taken = here.brought_back(taken, factor)
             return _updated(replace(here.state, brakes=brakes), taken, damping, growth, length)
         else:
             damping = max(30.0 * damping, 1e-6)
     return replace(state, damping=damping), None
+
+
+def _excess(goals: tuple[Goal, ...], residuals: list[Floats]) -> float:
+    """Largest hard residual in units of its tolerance."""
+    return max(
+        (
+            float(np.abs(residual).max(initial=0.0)) / goal.tolerance
+            for goal, residual in zip(goals, residuals, strict=True)
+            if goal.hard
+        ),
+        default=0.0,
+    )
 
 
 class _Taken(NamedTuple):
@@ -252,8 +268,13 @@ class _Place:
         added, and the step solved again with the factor at hand, until hardly any is left.
         """
         goals = self.state.goals
-        old = [goal.beyond(value) for goal, (value, _) in zip(goals, self.state.values, strict=True)]
-        first = max((float(np.abs(r).max(initial=0.0)) for g, r in zip(goals, old, strict=True) if g.hard), default=0.0)
+        old = [
+            goal.beyond(value) for goal, (value, _) in zip(goals, self.state.values, strict=True)
+        ]
+        first = max(
+            (float(np.abs(r).max(initial=0.0)) for g, r in zip(goals, old, strict=True) if g.hard),
+            default=0.0,
+        )
         total = [np.zeros_like(residual) for residual in old]
         before = first
         for _ in range(CORRECTIONS):
@@ -281,6 +302,34 @@ class _Place:
         state = replace(self.state, multipliers=multipliers)
         merit = _merit(self.parts, _shifted(state, state.values))
         return replace(self, state=state, merit=merit), direction
+
+    def brought_back(self, taken: _Taken, factor: Factor) -> _Taken:
+        """A whole step with what it left of the hard goals taken away, as far as that is cheap.
+
+        Newton's method with the factor of the step: it costs no new factorisation, and goes on as
+        long as each round takes most of what is left.
+        """
+        if taken.share < 1.0:
+            return taken
+        goals = self.state.goals
+        for _ in range(ROUNDS):
+            left = [
+                goal.beyond(residual) if goal.hard else np.zeros_like(residual)
+                for goal, (residual, _) in zip(goals, taken.values, strict=True)
+            ]
+            excess = _excess(goals, left)
+            if excess <= 0.1:
+                break
+            correction = factor.solve(self.assembly.descent(self.parts, left))
+            blocks = self.assembly.moved(taken.blocks, correction)
+            values = self._values(blocks) if np.isfinite(correction).all() else None
+            if values is None:
+                break
+            after = [goal.beyond(value) for goal, (value, _) in zip(goals, values, strict=True)]
+            if _excess(goals, after) > WORTH * excess:
+                break
+            taken = taken._replace(blocks=blocks, values=values)
+        return taken
 
     def growth(self, direction: Floats, taken: _Taken) -> float:
         """Factor for the penalty after a step: large where the hard goals were nearly straight."""
