@@ -7,12 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pqmesh.linear import SymmetricPattern
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.optimize.problem import Goal, Problem
 from pqmesh.vectors import Floats, Indices
-
-# Corners of a quad relative to their mean, as a 12 x 12 projection: what a brake resists.
-_DEFORMATION = np.kron(np.eye(4) - 0.25, np.eye(3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,11 +32,11 @@ class Assembly:
     Parameters
     ----------
     problem : Problem
-    mesh : QuadMesh
+    mesh : PolyMesh
         Its faces are where brakes act.
     """
 
-    def __init__(self, problem: Problem, mesh: QuadMesh) -> None:
+    def __init__(self, problem: Problem, mesh: PolyMesh) -> None:
         names = list(problem.blocks)
         sizes = [len(problem.blocks[name]) for name in names]
         self.first = dict(zip(names, np.cumsum([0, *sizes[:-1]]).tolist(), strict=True))
@@ -51,10 +48,12 @@ class Assembly:
         self.size = 3 * int(free.sum())
         row_column = np.where(free, np.cumsum(free) - 1, int(free.sum()))
         self.columns = [self._columns(goal, row_column) for goal in problem.goals]
-        corners = row_column[self.first["vertices"] + mesh.faces]
-        self.brake_stiffness = 1.0 / (mesh.mean_edge_length**2 * len(mesh.faces))
+        # Brake stencils: a table for each size of faces.
+        self.face_groups = mesh.topology.face_groups
+        corners = [row_column[self.first["vertices"] + group.corners] for group in self.face_groups]
+        self.brake_stiffness = 1.0 / (mesh.mean_edge_length**2 * mesh.topology.n_faces)
         rows, columns, self.slots = [], [], []
-        for table in [*self.columns, _table(corners)]:
+        for table in [*self.columns, *map(_table, corners)]:
             k = table.shape[1]
             row = np.repeat(table[:, :, None], k, axis=2)
             column = np.repeat(table[:, None, :], k, axis=1)
@@ -93,8 +92,11 @@ class Assembly:
         for part, kept in zip(parts, self.slots, strict=False):
             flat = part.flat
             contributions.append(np.matmul(part.scale * flat.transpose(0, 2, 1), flat)[kept])
-        stiff = (self.brake_stiffness * brakes)[:, None, None] * _DEFORMATION
-        contributions += [stiff[self.slots[-1]], np.zeros(self.size)]
+        brake_slots = self.slots[len(self.columns) :]
+        for group, kept in zip(self.face_groups, brake_slots, strict=True):
+            stiffness = (self.brake_stiffness * brakes[group.faces])[:, None, None]
+            contributions.append((stiffness * _deformation(group.corners.shape[1]))[kept])
+        contributions.append(np.zeros(self.size))
         values = self.pattern.values(np.concatenate(contributions))
         diagonal = values[self.pattern.diagonal]
         values[self.pattern.diagonal] += damping * np.maximum(diagonal, 1e-12 * diagonal.max())
@@ -109,6 +111,11 @@ class Assembly:
                 np.minimum(table, self.size).ravel(), slope.ravel(), minlength=self.size + 3
             )
         return rhs[: self.size]
+
+
+def _deformation(size: int) -> Floats:
+    """Corners of a face relative to their mean, as a projection: what a brake resists."""
+    return np.asarray(np.kron(np.eye(size) - 1.0 / size, np.eye(3)), dtype=np.float64)
 
 
 def _table(rows: Indices) -> Indices:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.vectors import TINY, Floats, Mask, cross, dot, norm
 
 # A corner may close or open until the sine between its edges, signed by the face normal, is
@@ -23,7 +23,7 @@ class Guard:
 
     Attributes
     ----------
-    mesh : QuadMesh
+    mesh : PolyMesh
         The start.
     least_sine : (F,)
         Lower bound for the signed sines of each face's corners; -inf for faces that start
@@ -34,15 +34,15 @@ class Guard:
         Face normals at the start; a face must not turn by more than a right angle.
     """
 
-    mesh: QuadMesh
+    mesh: PolyMesh
     least_sine: Floats
     least_edge: Floats
     normals: Floats
 
     @classmethod
-    def of(cls, mesh: QuadMesh) -> Guard:
+    def of(cls, mesh: PolyMesh) -> Guard:
         """Limits for a start mesh."""
-        sines = _corner_sines(mesh.corners).min(axis=1)
+        sines, _ = _sines_and_areas(mesh, mesh.vertices)
         least = np.where(sines > 0, np.minimum(LEAST_SINE, 0.5 * sines), -np.inf)
         lengths = mesh.edge_lengths
         edges = np.maximum(LEAST_EDGE * lengths.min(), LEAST_OWN_EDGE * lengths)
@@ -50,21 +50,50 @@ class Guard:
 
     def broken(self, vertices: Floats) -> tuple[Mask, Mask]:
         """Faces (F,) and edges (E,) beyond their limits at the given positions."""
-        corners = vertices[self.mesh.faces]
-        faces = _corner_sines(corners).min(axis=1) < self.least_sine
-        area = cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-        turned = dot(area, self.normals) <= 0
+        sines, areas = _sines_and_areas(self.mesh, vertices)
+        faces = sines < self.least_sine
+        turned = dot(areas, self.normals) <= 0
         faces |= turned & np.isfinite(self.least_sine)
         ends = vertices[self.mesh.edges]
         edges = norm(ends[:, 1] - ends[:, 0]) < self.least_edge
         return faces, edges
 
+    def blocked(self, vertices: Floats) -> Mask:
+        """Faces (F,) beyond their limits at the given positions, or with an edge that is."""
+        faces, edges = self.broken(vertices)
+        topology = self.mesh.topology
+        around = np.logical_or.reduceat(edges[topology.face_edges], topology.offsets[:-1])
+        return np.asarray(faces | around)
 
-def _corner_sines(corners: Floats) -> Floats:
-    """Sines of the corner angles (F, 4), negative where a corner is reflex or folded."""
+
+def least_sines(mesh: PolyMesh) -> Floats:
+    """Smallest signed sine of a corner of each face, shape (F,): not positive where broken."""
+    return _sines_and_areas(mesh, mesh.vertices)[0]
+
+
+def _sines_and_areas(mesh: PolyMesh, vertices: Floats) -> tuple[Floats, Floats]:
+    """Smallest corner sine (F,) and area vector (F, 3) of each face at the given positions."""
+    sines, areas = np.empty(mesh.topology.n_faces), np.empty((mesh.topology.n_faces, 3))
+    for faces, corners in mesh.topology.face_groups:
+        points = vertices[corners]
+        area = _area_vectors(points)
+        sines[faces] = _corner_sines(points, area).min(axis=1)
+        areas[faces] = area
+    return sines, areas
+
+
+def _area_vectors(corners: Floats) -> Floats:
+    """Vectors along the area vectors of faces (n, k, 3), shape (n, 3)."""
+    if corners.shape[1] == 4:
+        return cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    out = corners[:, 1:] - corners[:, :1]
+    return np.asarray(cross(out[:, :-1], out[:, 1:]).sum(axis=1))
+
+
+def _corner_sines(corners: Floats, area: Floats) -> Floats:
+    """Sines of the corner angles (n, k), negative where a corner is reflex or folded."""
     outgoing = np.roll(corners, -1, axis=1) - corners
     incoming = np.roll(corners, 1, axis=1) - corners
-    area = cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     normal = area / np.maximum(norm(area), TINY)[:, None]
     scale = np.maximum(norm(outgoing) * norm(incoming), TINY)
     return np.asarray(dot(cross(outgoing, incoming), normal[:, None]) / scale)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.optimize.recipes import Weights, problem_for
 from pqmesh.optimize.solver import Solution, Step, solve
 from pqmesh.surface.reference import Reference
@@ -17,7 +17,7 @@ FACTOR, WEAKEST, STRONGEST = 10.0, 1.0, 1e7
 
 def optimized(
     kind: str,
-    start: QuadMesh,
+    start: PolyMesh,
     reference: Reference,
     *,
     boundary: str = "free",
@@ -33,8 +33,8 @@ def optimized(
 
     Parameters
     ----------
-    kind : 'planar', 'conical' or 'circular'
-    start : QuadMesh
+    kind : 'planar', 'conical', 'circular' or 'conical-circular'
+    start : PolyMesh
     reference : Reference
     boundary : 'free', 'fixed' or 'glide'
     within : float, optional, model unit

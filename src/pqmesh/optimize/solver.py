@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pqmesh.linear import Factor
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.optimize.assembly import Assembly, Part
 from pqmesh.optimize.ending import Best, Solution, Step, why_stuck
 from pqmesh.optimize.guard import Guard
@@ -66,12 +66,12 @@ class _State:
 
 def solve(
     problem: Problem,
-    mesh: QuadMesh,
+    mesh: PolyMesh,
     *,
     most_steps: int = 60,
     progress: Callable[[int, Step], None] | None = None,
 ) -> Solution:
-    """Optimised unknowns of a problem whose block `vertices` is a quad mesh.
+    """Optimised unknowns of a problem whose block `vertices` is a mesh.
 
     Steps are shortened until no face breaks (`Guard`) and the merit falls; the damping rises
     when that fails. Ending without convergence is an answer, not an error.
@@ -79,7 +79,7 @@ def solve(
     Parameters
     ----------
     problem : Problem
-    mesh : QuadMesh
+    mesh : PolyMesh
         The start; its faces and edges are guarded.
     most_steps : int
     progress : callable, optional
@@ -204,9 +204,7 @@ class _Place:
         """Faces (F,) that the whole step would break, or an edge of theirs."""
         step = self.whole(direction) * direction
         blocks = self.assembly.moved(self.state.blocks, step)
-        faces, edges = self.guard.broken(blocks["vertices"])
-        around = edges[self.guard.mesh.topology.face_edges].reshape(-1, 4)
-        return np.asarray(faces | around.any(axis=1))
+        return self.guard.blocked(blocks["vertices"])
 
     def _longest(self, direction: Floats) -> float:
         """Longest move of a vertex, model unit."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.optimize.problem import Blocks
 from pqmesh.surface.reference import Reference
 from pqmesh.vectors import TINY, Floats, Indices, dot, norm, unit
@@ -27,7 +27,7 @@ class Closeness:
     length: float
 
     @classmethod
-    def on(cls, mesh: QuadMesh, reference: Reference) -> Closeness:
+    def on(cls, mesh: PolyMesh, reference: Reference) -> Closeness:
         """One element for each vertex."""
         rows = np.arange(mesh.topology.n_vertices)[:, None]
         feet, normals, reference = reference.closest(mesh.vertices)
@@ -59,7 +59,7 @@ class Gliding:
     length: float
 
     @classmethod
-    def on(cls, mesh: QuadMesh, vertices: Indices) -> Gliding:
+    def on(cls, mesh: PolyMesh, vertices: Indices) -> Gliding:
         """Elements for the given boundary vertices; the curve is the whole boundary."""
         loops = mesh.topology.boundary_loops
         starts = np.concatenate([mesh.vertices[loop] for loop in loops])
