@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pqmesh.mesh.measure import corner_angles
 from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.vectors import TINY, Floats, Mask, cross, dot, norm
 
@@ -28,6 +29,8 @@ class Guard:
     least_sine : (F,)
         Lower bound for the signed sines of each face's corners; -inf for faces that start
         broken (they are free, the report names them).
+    signs : (n, k) for each group of faces
+        -1 at re-entrant corners that a polygon starts with and keeps, 1 elsewhere.
     least_edge : (E,)
         Lower bound of each edge length, model unit.
     normals : (F, 3)
@@ -36,21 +39,23 @@ class Guard:
 
     mesh: PolyMesh
     least_sine: Floats
+    signs: tuple[Floats, ...]
     least_edge: Floats
     normals: Floats
 
     @classmethod
     def of(cls, mesh: PolyMesh) -> Guard:
         """Limits for a start mesh."""
-        sines, _ = _sines_and_areas(mesh, mesh.vertices)
+        signs = _signs(mesh)
+        sines, _ = _sines_and_areas(mesh, mesh.vertices, signs)
         least = np.where(sines > 0, np.minimum(LEAST_SINE, 0.5 * sines), -np.inf)
         lengths = mesh.edge_lengths
         edges = np.maximum(LEAST_EDGE * lengths.min(), LEAST_OWN_EDGE * lengths)
-        return cls(mesh, least, edges, mesh.face_normals)
+        return cls(mesh, least, signs, edges, mesh.face_normals)
 
     def broken(self, vertices: Floats) -> tuple[Mask, Mask]:
         """Faces (F,) and edges (E,) beyond their limits at the given positions."""
-        sines, areas = _sines_and_areas(self.mesh, vertices)
+        sines, areas = _sines_and_areas(self.mesh, vertices, self.signs)
         faces = sines < self.least_sine
         turned = dot(areas, self.normals) <= 0
         faces |= turned & np.isfinite(self.least_sine)
@@ -67,17 +72,40 @@ class Guard:
 
 
 def least_sines(mesh: PolyMesh) -> Floats:
-    """Smallest signed sine of a corner of each face, shape (F,): not positive where broken."""
-    return _sines_and_areas(mesh, mesh.vertices)[0]
+    """Smallest signed sine of a corner of each face, shape (F,): not positive where it is broken.
+
+    A quad breaks when a corner is re-entrant: it is then folded, or a dart. A polygon of more
+    corners may have re-entrant ones as long as it winds once around its inside; their sines
+    count without sign.
+    """
+    return _sines_and_areas(mesh, mesh.vertices, _signs(mesh))[0]
 
 
-def _sines_and_areas(mesh: PolyMesh, vertices: Floats) -> tuple[Floats, Floats]:
+def _signs(mesh: PolyMesh) -> tuple[Floats, ...]:
+    """Sign that the sine of each corner keeps, by groups of faces."""
+    topology = mesh.topology
+    angles = corner_angles(mesh)
+    total = np.add.reduceat(angles, topology.offsets[:-1])
+    # Once around: the corners of a flat face then sum to (k - 2) pi, else to pi more or less.
+    simple = np.abs(total - (topology.face_sizes - 2) * np.pi) < np.pi
+    signs = []
+    for faces, corners in topology.face_groups:
+        size = corners.shape[1]
+        own = angles[topology.offsets[faces][:, None] + np.arange(size)]
+        keeps = simple[faces][:, None] & (size > 4) & (own > np.pi)
+        signs.append(np.where(keeps, -1.0, 1.0))
+    return tuple(signs)
+
+
+def _sines_and_areas(
+    mesh: PolyMesh, vertices: Floats, signs: tuple[Floats, ...]
+) -> tuple[Floats, Floats]:
     """Smallest corner sine (F,) and area vector (F, 3) of each face at the given positions."""
     sines, areas = np.empty(mesh.topology.n_faces), np.empty((mesh.topology.n_faces, 3))
-    for faces, corners in mesh.topology.face_groups:
+    for (faces, corners), sign in zip(mesh.topology.face_groups, signs, strict=True):
         points = vertices[corners]
         area = _area_vectors(points)
-        sines[faces] = _corner_sines(points, area).min(axis=1)
+        sines[faces] = (sign * _corner_sines(points, area)).min(axis=1)
         areas[faces] = area
     return sines, areas
 
