@@ -1,0 +1,452 @@
+"""Mending: broken faces of a start mesh made valid by moving a few vertices, before it is solved.
+
+A face is broken where it is folded, a dart, without area, or has a collapsed edge; and where it
+lies on its back beside such a face. The vertices to blame are moved first: in each broken face the
+one that stands out most from its neighbours; then all vertices of broken faces, then one ring and
+two rings around them. They go where
+
+    sum over corners of what is missing to a least signed area         (must vanish)
+    + umbrella of each vertex as around it + a little of its move
+
+is smallest, the signed areas being seen along normals and in sizes taken over from the valid
+faces around. What became valid without breaking another face is kept, the rest left and named.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components
+
+from pqmesh.mesh.quadmesh import PolyMesh
+from pqmesh.mesh.topology import Topology
+from pqmesh.optimize.guard import LEAST_SINE, Guard, least_sines
+from pqmesh.vectors import TINY, Floats, Indices, Mask, cross, dot, norm, unit
+
+# Sines of corners above this are straight to the digits of a file: no reason to mend.
+BENT_BACK = -1e-3
+# An edge below this share of the longest of its face has collapsed; a mended one must have more.
+COLLAPSED, LEAST_MENDED = 1e-4, 0.02
+# Signed areas at corners to aim for, as a share of those around; of what a valid face has.
+AIM, KEEP = 0.4, 0.6
+# Weights of the umbrella and of the move, against growing ones of the missing areas.
+SMOOTH, HOLD, PRESSURES = 1.0, 1e-2, (1e1, 1e2, 1e3, 1e4)
+# Rounds in which normals and sizes spread from valid faces into what is broken.
+ROUNDS = 12
+# Steps of the minimisation for each weight.
+STEPS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Mending:
+    """A mesh after mending.
+
+    Attributes
+    ----------
+    mesh : PolyMesh
+        The start itself where nothing was to be done, or could be.
+    mended : (n,)
+        Faces that were broken and are valid now.
+    left : (m,)
+        Faces that stay broken.
+    moved : (k,)
+        Vertices that were moved.
+    moved_max : float, model unit
+        The longest of these moves.
+    """
+
+    mesh: PolyMesh
+    mended: Indices
+    left: Indices
+    moved: Indices
+    moved_max: float
+
+    @property
+    def words(self) -> list[str]:
+        """What a user should know of it, in sentences; none where every face was valid."""
+        found = []
+        if len(self.mended):
+            found.append(
+                f"{_counted(self.mended, 'face')} started broken (folded, without area, or with a "
+                f"collapsed edge) and {'was' if len(self.mended) == 1 else 'were'} mended: "
+                f"{_counted(self.moved, 'vertex', 'vertices')} moved by up to "
+                f"{self.moved_max:.3g} before the optimisation"
+            )
+        if len(self.left):
+            found.append(
+                f"{_counted(self.left, 'face')} started broken (folded, without area, or with a "
+                f"collapsed edge) and could not be mended: check the mesh there"
+            )
+        return found
+
+
+def broken_faces(mesh: PolyMesh) -> Mask:
+    """Faces (F,) that are folded, darts or crossed, without area, or have a collapsed edge.
+
+    Re-entrant corners of polygons with more than four corners are no fault (`least_sines`).
+
+    Examples
+    --------
+    >>> dart = PolyMesh.of([[0, 0, 0], [1, 0, 0], [0.2, 0.2, 0], [0, 1, 0]], [[0, 1, 2, 3]])
+    >>> broken_faces(dart)
+    array([ True])
+    """
+    topology = mesh.topology
+    lengths = mesh.edge_lengths[topology.face_edges]
+    longest = np.maximum.reduceat(lengths, topology.offsets[:-1])
+    shortest = np.minimum.reduceat(lengths, topology.offsets[:-1])
+    flat = norm(mesh.face_area_vectors) <= 1e-12 * longest**2
+    return np.asarray(
+        (least_sines(mesh) < BENT_BACK) | flat | (shortest < COLLAPSED * longest), dtype=np.bool_
+    )
+
+
+def mended(mesh: PolyMesh, fixed: Mask | None = None) -> Mending:
+    """The mesh with its broken faces made valid where that is possible; no valid face breaks.
+
+    Parameters
+    ----------
+    mesh : PolyMesh
+    fixed : (V,) bool, optional
+        Vertices that must stay.
+
+    Returns
+    -------
+    Mending
+        A mesh that cannot be mended is no error: `left` names the faces.
+
+    References: signed areas as in mesh untangling [knupp2001].
+
+    Examples
+    --------
+    >>> from pqmesh.mesh.exact import grid_mesh
+    >>> x, y = np.meshgrid(np.arange(5.0), np.arange(5.0), indexing="ij")
+    >>> flat = grid_mesh(np.stack([x, y, 0 * x], axis=-1))
+    >>> folded = flat.vertices.copy()
+    >>> folded[12] += [1.4, 1.2, 0.0]
+    >>> found = mended(flat.with_vertices(folded))
+    >>> found.mended.tolist(), found.left.tolist(), found.moved.tolist()
+    ([6, 9, 10], [], [12])
+    """
+    free = np.ones(mesh.topology.n_vertices, dtype=np.bool_) if fixed is None else ~fixed
+    start, fault = mesh, _faulty(mesh)
+    if not fault.any():
+        none = np.empty(0, dtype=np.int64)
+        return Mending(mesh, none, none, none, 0.0)
+    surround = _surround(mesh, fault)
+    guard = Guard.of(mesh)
+    # What is broken has no limits of its own; nor have its edges, which may be far too long.
+    guard = replace(guard, least_sine=np.where(fault, -np.inf, guard.least_sine))
+    open_faces = fault
+    for level in range(4):
+        movable = _movable(mesh, open_faces, level, surround) & free
+        if not movable.any():
+            continue
+        moved = _relaxed(start, mesh, movable, fault, surround)
+        mesh = _accepted(mesh, moved, movable, open_faces, guard, surround.normals)
+        open_faces = open_faces & _still_broken(mesh, open_faces, surround.normals)
+        if not open_faces.any():
+            break
+    moves = norm(mesh.vertices - start.vertices)
+    return Mending(
+        mesh,
+        np.flatnonzero(fault & ~open_faces),
+        np.flatnonzero(open_faces),
+        np.flatnonzero(moves > 0),
+        float(moves.max()),
+    )
+
+
+# --- what surrounds the faults ----------------------------------------------------------------
+
+
+class _Surround(NamedTuple):
+    """What valid faces say of the broken ones.
+
+    Attributes
+    ----------
+    normals : (F, 3)
+        Of valid faces their own.
+    sizes : (V,)
+        Square of a typical edge.
+    umbrellas : (V, 3), model unit
+        A vertex less the mean of its neighbours.
+    """
+
+    normals: Floats
+    sizes: Floats
+    umbrellas: Floats
+
+
+def _faulty(mesh: PolyMesh) -> Mask:
+    """Broken faces, and those beside them that lie on their backs."""
+    fault = broken_faces(mesh)
+    if not fault.any():
+        return fault
+    topology = mesh.topology
+    suspect = _touching(topology, _corners_of(topology, fault))
+    # Judged by the faces behind them, where these meet at a corner.
+    around = _face_means(topology, _vertex_sums(topology, mesh.face_normals, ~suspect))
+    return np.asarray(fault | (suspect & (dot(around, mesh.face_normals) < 0)))
+
+
+def _surround(mesh: PolyMesh, fault: Mask) -> _Surround:
+    """Normals, sizes and umbrellas spread from what is valid."""
+    topology = mesh.topology
+    links = _links(topology)
+    sums = _vertex_sums(topology, mesh.face_normals, ~fault)
+    spread = unit(_spread(links, sums, norm(sums) > 0))
+    means = _face_means(topology, spread)
+    # A piece all of whose faces are broken has its own word only.
+    means = np.where(norm(means)[:, None] > TINY, unit(means), mesh.face_normals)
+    normals = np.where(fault[:, None], means, mesh.face_normals)
+    # What is beside a fault is stretched: better to ask those behind it, where there are any.
+    beside = _touching(topology, _corners_of(topology, fault))
+    asked = fault if beside.all() else beside
+    # Square of the edge of a regular face of the same area.
+    size = topology.face_sizes
+    squares = 4.0 * np.tan(np.pi / size) / size * norm(mesh.face_area_vectors)
+    content = np.column_stack([squares, np.ones(topology.n_faces)])
+    totals = _vertex_sums(topology, content, ~asked)
+    means = _spread(links, totals / np.maximum(totals[:, 1:], 1.0), totals[:, 1] > 0)
+    ends = topology.edges.ravel()
+    own = np.bincount(ends, np.repeat(mesh.edge_lengths, 2)) / np.bincount(ends)
+    sizes = np.where(means[:, 0] > TINY, means[:, 0], own**2)
+    everywhere = np.ones(topology.n_vertices, dtype=np.bool_)
+    umbrellas = mesh.vertices - _umbrella(topology, everywhere) @ mesh.vertices
+    rim = topology.is_boundary_vertex
+    clean = ~_corners_of(topology, asked)
+    inside = _spread(links, umbrellas, clean & ~rim)
+    along = np.where(clean[:, None], umbrellas, 0.0)
+    return _Surround(normals, sizes, np.where(rim[:, None], along, inside))
+
+
+def _vertex_sums(topology: Topology, values: Floats, faces: Mask) -> Floats:
+    """Sums over the chosen faces at each vertex, (V, n)."""
+    chosen = faces[topology.corner_faces]
+    sums = np.zeros((topology.n_vertices, values.shape[1]))
+    np.add.at(sums, topology.indices[chosen], values[topology.corner_faces[chosen]])
+    return sums
+
+
+def _face_means(topology: Topology, values: Floats) -> Floats:
+    """Means over the corners of each face, (F, n)."""
+    sums = np.add.reduceat(values[topology.indices], topology.offsets[:-1], axis=0)
+    return np.asarray(sums / topology.face_sizes[:, None])
+
+
+def _spread(links: Any, values: Floats, known: Mask) -> Floats:
+    """Values of the known vertices, carried on to the others as means of neighbours."""
+    values = np.where(known[:, None], values, 0.0)
+    for _ in range(ROUNDS):
+        if known.all():
+            break
+        count = links @ known.astype(np.float64)
+        fresh = ~known & (count > 0)
+        values[fresh] = (links @ values)[fresh] / count[fresh, None]
+        known = known | fresh
+    return values
+
+
+def _links(topology: Topology) -> Any:
+    """Adjacency of the vertices along edges, sparse (V, V)."""
+    n, (low, high) = topology.n_vertices, topology.edges.T
+    rows, columns = np.concatenate([low, high]), np.concatenate([high, low])
+    return csr_array(coo_array((np.ones(len(rows)), (rows, columns)), shape=(n, n)))
+
+
+def _umbrella(topology: Topology, chosen: Mask) -> Any:
+    """Mean of the neighbours, sparse (V, V): along the boundary for a boundary vertex."""
+    n, rim = topology.n_vertices, topology.is_boundary_vertex
+    edges = np.concatenate([topology.edges, topology.edges[:, ::-1]])
+    outer = np.concatenate([topology.is_boundary_edge] * 2)
+    kept = chosen[edges[:, 0]] & (outer | ~rim[edges[:, 0]])
+    rows, columns = edges[kept].T
+    count = np.bincount(rows, minlength=n)
+    return csr_array(coo_array((1.0 / count[rows], (rows, columns)), shape=(n, n)))
+
+
+# --- where vertices go ------------------------------------------------------------------------
+
+
+def _movable(mesh: PolyMesh, faces: Mask, level: int, surround: _Surround) -> Mask:
+    """Vertices to move at a level: those to blame, those of the faces, and rings around."""
+    topology = mesh.topology
+    if level == 0:
+        means = _umbrella(topology, np.ones(topology.n_vertices, dtype=np.bool_)) @ mesh.vertices
+        out = norm(mesh.vertices - means - surround.umbrellas) / np.sqrt(surround.sizes)
+        # A corner of the outline stands out by nature.
+        out[topology.is_boundary_vertex & (topology.valence == 2)] = 0.0
+        worst = np.maximum.reduceat(out[topology.indices], topology.offsets[:-1])
+        blamed = (out[topology.indices] == worst[topology.corner_faces]) & faces[
+            topology.corner_faces
+        ]
+        movable = np.zeros(topology.n_vertices, dtype=np.bool_)
+        movable[topology.indices[blamed]] = True
+        return movable
+    vertices = _corners_of(topology, faces)
+    for _ in range(level - 1):
+        vertices = _corners_of(topology, _touching(topology, vertices))
+    return vertices
+
+
+def _relaxed(
+    start: PolyMesh, mesh: PolyMesh, movable: Mask, fault: Mask, surround: _Surround
+) -> Floats:
+    """Positions (V, 3) in which the corners at the movable vertices have their signed areas."""
+    topology = mesh.topology
+    active = _touching(topology, movable)
+    corners = np.flatnonzero(active[topology.corner_faces])
+    faces = topology.corner_faces[corners]
+    at, ahead = topology.indices[corners], topology.indices[topology.corner_next[corners]]
+    behind = _previous(topology)[corners]
+    normals = surround.normals[faces]
+    squares = _face_means(topology, surround.sizes[:, None])[:, 0]
+    aim = squares[faces] * np.sin(2.0 * np.pi / np.maximum(topology.face_sizes[faces], 4))
+    own = dot(normals, cross(mesh.vertices[ahead] - mesh.vertices[at],
+                             mesh.vertices[behind] - mesh.vertices[at]))  # fmt: skip
+    wanted = np.where(fault[faces], AIM * aim, np.minimum(AIM * aim, KEEP * own))
+    used = (own > 0) | fault[faces]
+    at, ahead, behind, normals = at[used], ahead[used], behind[used], normals[used]
+    aim, wanted = aim[used], wanted[used]
+    chosen = np.flatnonzero(movable)
+    smooth = movable & (~topology.is_boundary_vertex | _along_rim(start, fault))
+    rows = np.flatnonzero(smooth)
+    umbrella = _umbrella(topology, smooth)[rows]
+    scale = surround.sizes
+
+    # In units of a typical edge, so that the steps do not depend on the unit.
+    length = float(np.sqrt(scale[chosen].mean()))
+
+    def energy(flat: Floats, pressure: float) -> tuple[float, Floats]:
+        points = mesh.vertices.copy()
+        points[chosen] = length * flat.reshape(-1, 3)
+        out, back = points[ahead] - points[at], points[behind] - points[at]
+        missing = np.maximum(wanted - dot(normals, cross(out, back)), 0.0) / aim
+        gradient = np.zeros_like(points)
+        pull = (-2.0 * pressure * missing / aim)[:, None]
+        by_out, by_back = pull * cross(back, normals), pull * cross(normals, out)
+        np.add.at(gradient, ahead, by_out)
+        np.add.at(gradient, behind, by_back)
+        np.add.at(gradient, at, -by_out - by_back)
+        rough = points[rows] - umbrella @ points - surround.umbrellas[rows]
+        soft = 2.0 * SMOOTH * rough / scale[rows, None]
+        gradient[rows] += soft
+        gradient -= umbrella.T @ soft
+        away = points[chosen] - start.vertices[chosen]
+        gradient[chosen] += 2.0 * HOLD * away / scale[chosen, None]
+        value = (
+            pressure * float(np.sum(missing**2))
+            + SMOOTH * float(np.sum(rough**2 / scale[rows, None]))
+            + HOLD * float(np.sum(away**2 / scale[chosen, None]))
+        )
+        return value, length * gradient[chosen].ravel()
+
+    x = mesh.vertices[chosen].ravel() / length
+    for pressure in PRESSURES:
+        found = minimize(energy, x, (pressure,), "L-BFGS-B", jac=True, options={"maxiter": STEPS})
+        x = np.asarray(found.x, dtype=np.float64)
+    points = mesh.vertices.copy()
+    points[chosen] = length * x.reshape(-1, 3)
+    return points
+
+
+def _along_rim(mesh: PolyMesh, fault: Mask) -> Mask:
+    """Boundary vertices (V,) at which the boundary runs on smoothly, or should: no corners."""
+    keep = np.zeros(mesh.topology.n_vertices, dtype=np.bool_)
+    keep[mesh.topology.is_boundary_vertex & (mesh.topology.valence > 2)] = True
+    for loop in mesh.topology.boundary_loops:
+        points = mesh.vertices[loop]
+        ahead, behind = np.roll(points, -1, axis=0) - points, points - np.roll(points, 1, axis=0)
+        keep[loop[dot(ahead, behind) < 0.85 * norm(ahead) * norm(behind)]] = False
+    return keep
+
+
+# --- what is kept -----------------------------------------------------------------------------
+
+
+def _accepted(
+    mesh: PolyMesh,
+    points: Floats,
+    movable: Mask,
+    open_faces: Mask,
+    guard: Guard,
+    normals: Floats,
+) -> PolyMesh:
+    """The mesh with those groups of moves that mend faces and break none."""
+    topology = mesh.topology
+    active = _touching(topology, movable)
+    group = _groups(topology, movable, active)
+    moved = mesh.with_vertices(points)
+    broken, short = guard.broken(points)
+    # A re-entrant corner beside a fault may well close.
+    bent = np.zeros(topology.n_faces, dtype=np.bool_)
+    for group_of, sign in zip(topology.face_groups, guard.signs, strict=True):
+        bent[group_of.faces] = (sign < 0).any(axis=1)
+    broken = np.where(bent, least_sines(moved) <= 0, broken)
+    # An edge of a broken face has no length that it must keep.
+    bound = topology.edge_faces
+    exempt = ((bound >= 0) & open_faces[bound]).any(axis=1)
+    around = np.logical_or.reduceat((short & ~exempt)[topology.face_edges], topology.offsets[:-1])
+    harmed = active & (broken | around) & ~open_faces
+    before = open_faces & active
+    after = before & _still_broken(moved, open_faces, normals)
+    count = topology.n_faces + topology.n_vertices
+    gained = np.bincount(group[np.flatnonzero(before)], minlength=count)
+    gained -= np.bincount(group[np.flatnonzero(after)], minlength=count)
+    bad = np.bincount(group[np.flatnonzero(harmed)], minlength=count)
+    kept = (gained > 0) & (bad == 0)
+    taken = movable & kept[group[topology.n_faces :]]
+    return mesh.with_vertices(np.where(taken[:, None], points, mesh.vertices))
+
+
+def _still_broken(mesh: PolyMesh, faces: Mask, normals: Floats) -> Mask:
+    """Which of the faces are not mended: corners, area and edges with room to spare."""
+    topology = mesh.topology
+    lengths = mesh.edge_lengths[topology.face_edges]
+    longest = np.maximum.reduceat(lengths, topology.offsets[:-1])
+    shortest = np.minimum.reduceat(lengths, topology.offsets[:-1])
+    bad = least_sines(mesh) < LEAST_SINE
+    bad |= shortest < LEAST_MENDED * longest
+    bad |= dot(mesh.face_normals, normals) <= 0
+    return np.asarray(faces & bad)
+
+
+def _groups(topology: Topology, movable: Mask, active: Mask) -> Indices:
+    """Number of the connected group of each face, then of each vertex: (F + V,)."""
+    used = movable[topology.indices] & active[topology.corner_faces]
+    rows = topology.corner_faces[used]
+    columns = topology.n_faces + topology.indices[used]
+    count = topology.n_faces + topology.n_vertices
+    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+
+def _corners_of(topology: Topology, faces: Mask) -> Mask:
+    """Vertices (V,) of the faces."""
+    found = np.zeros(topology.n_vertices, dtype=np.bool_)
+    found[topology.indices[faces[topology.corner_faces]]] = True
+    return found
+
+
+def _touching(topology: Topology, vertices: Mask) -> Mask:
+    """Faces (F,) with such a vertex."""
+    return np.asarray(np.logical_or.reduceat(vertices[topology.indices], topology.offsets[:-1]))
+
+
+def _previous(topology: Topology) -> Indices:
+    """Vertex before each corner in its face, aligned with `indices`."""
+    before = np.empty_like(topology.indices)
+    before[topology.corner_next] = topology.indices
+    return before
+
+
+def _counted(numbers: Indices, one: str, many: str | None = None) -> str:
+    """A few of the numbers, said: "3 faces (4, 7, 9)"."""
+    shown = ", ".join(map(str, numbers[:6].tolist())) + (", ..." if len(numbers) > 6 else "")
+    word = one if len(numbers) == 1 else many or one + "s"
+    return f"{len(numbers)} {word} ({shown})"
