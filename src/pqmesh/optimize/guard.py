@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,9 +14,29 @@ from pqmesh.vectors import TINY, Floats, Mask, cross, dot, norm
 # A corner may close or open until the sine between its edges, signed by the face normal, is
 # this small; a face that starts below keeps half of what it has.
 LEAST_SINE = 0.1
+# Corners of polygons within this angle of pi, in radians, are straight.
+STRAIGHT = 0.2
 # Edges keep this share of the mesh's shortest start edge, and of their own start length.
 LEAST_EDGE = 0.32
 LEAST_OWN_EDGE = 0.2
+
+
+class Bends(NamedTuple):
+    """What the corners of the faces of one size keep, beyond being convex.
+
+    A polygon of more than four corners may start with straight ones, where a neighbour ends, and
+    re-entrant ones, as in the shape of an L: they are meant.
+
+    Attributes
+    ----------
+    signs : (n, k)
+        -1 at re-entrant corners, which stay so; 1 elsewhere.
+    room : (n, k)
+        Added to the sine of straight corners, which may bend to either side; 0 elsewhere.
+    """
+
+    signs: Floats
+    room: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +50,8 @@ class Guard:
     least_sine : (F,)
         Lower bound for the signed sines of each face's corners; -inf for faces that start
         broken (they are free, the report names them).
-    signs : (n, k) for each group of faces
-        -1 at re-entrant corners that a polygon starts with and keeps, 1 elsewhere.
+    bends : tuple of Bends
+        Which corners may be re-entrant, for each group of faces.
     least_edge : (E,)
         Lower bound of each edge length, model unit.
     normals : (F, 3)
@@ -39,23 +60,23 @@ class Guard:
 
     mesh: PolyMesh
     least_sine: Floats
-    signs: tuple[Floats, ...]
+    bends: tuple[Bends, ...]
     least_edge: Floats
     normals: Floats
 
     @classmethod
     def of(cls, mesh: PolyMesh) -> Guard:
         """Limits for a start mesh."""
-        signs = _signs(mesh)
-        sines, _ = _sines_and_areas(mesh, mesh.vertices, signs)
+        bends = _bends(mesh)
+        sines, _ = _sines_and_areas(mesh, mesh.vertices, bends)
         least = np.where(sines > 0, np.minimum(LEAST_SINE, 0.5 * sines), -np.inf)
         lengths = mesh.edge_lengths
         edges = np.maximum(LEAST_EDGE * lengths.min(), LEAST_OWN_EDGE * lengths)
-        return cls(mesh, least, signs, edges, mesh.face_normals)
+        return cls(mesh, least, bends, edges, mesh.face_normals)
 
     def broken(self, vertices: Floats) -> tuple[Mask, Mask]:
         """Faces (F,) and edges (E,) beyond their limits at the given positions."""
-        sines, areas = _sines_and_areas(self.mesh, vertices, self.signs)
+        sines, areas = _sines_and_areas(self.mesh, vertices, self.bends)
         faces = sines < self.least_sine
         turned = dot(areas, self.normals) <= 0
         faces |= turned & np.isfinite(self.least_sine)
@@ -75,37 +96,39 @@ def least_sines(mesh: PolyMesh) -> Floats:
     """Smallest signed sine of a corner of each face, shape (F,): not positive where it is broken.
 
     A quad breaks when a corner is re-entrant: it is then folded, or a dart. A polygon of more
-    corners may have re-entrant ones as long as it winds once around its inside; their sines
-    count without sign.
+    corners may have straight and re-entrant ones as long as it winds once around its inside
+    (`Bends`).
     """
-    return _sines_and_areas(mesh, mesh.vertices, _signs(mesh))[0]
+    return _sines_and_areas(mesh, mesh.vertices, _bends(mesh))[0]
 
 
-def _signs(mesh: PolyMesh) -> tuple[Floats, ...]:
-    """Sign that the sine of each corner keeps, by groups of faces."""
+def _bends(mesh: PolyMesh) -> tuple[Bends, ...]:
+    """What the corners keep, by groups of faces."""
     topology = mesh.topology
     angles = corner_angles(mesh)
     total = np.add.reduceat(angles, topology.offsets[:-1])
     # Once around: the corners of a flat face then sum to (k - 2) pi, else to pi more or less.
     simple = np.abs(total - (topology.face_sizes - 2) * np.pi) < np.pi
-    signs = []
+    bends = []
     for faces, corners in topology.face_groups:
         size = corners.shape[1]
         own = angles[topology.offsets[faces][:, None] + np.arange(size)]
-        keeps = simple[faces][:, None] & (size > 4) & (own > np.pi)
-        signs.append(np.where(keeps, -1.0, 1.0))
-    return tuple(signs)
+        may = simple[faces][:, None] & np.full(own.shape, size > 4)
+        straight = may & (np.abs(own - np.pi) < STRAIGHT)
+        signs = np.where(may & ~straight & (own > np.pi), -1.0, 1.0)
+        bends.append(Bends(signs, np.where(straight, LEAST_SINE + STRAIGHT, 0.0)))
+    return tuple(bends)
 
 
 def _sines_and_areas(
-    mesh: PolyMesh, vertices: Floats, signs: tuple[Floats, ...]
+    mesh: PolyMesh, vertices: Floats, bends: tuple[Bends, ...]
 ) -> tuple[Floats, Floats]:
     """Smallest corner sine (F,) and area vector (F, 3) of each face at the given positions."""
     sines, areas = np.empty(mesh.topology.n_faces), np.empty((mesh.topology.n_faces, 3))
-    for (faces, corners), sign in zip(mesh.topology.face_groups, signs, strict=True):
+    for (faces, corners), bend in zip(mesh.topology.face_groups, bends, strict=True):
         points = vertices[corners]
         area = _area_vectors(points)
-        sines[faces] = (sign * _corner_sines(points, area)).min(axis=1)
+        sines[faces] = (bend.signs * _corner_sines(points, area) + bend.room).min(axis=1)
         areas[faces] = area
     return sines, areas
 

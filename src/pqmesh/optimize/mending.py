@@ -15,28 +15,32 @@ faces around. What became valid without breaking another face is kept, the rest 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.mesh.topology import Topology
+from pqmesh.optimize.faults import (
+    Surround,
+    corners_of,
+    face_means,
+    faces_touching,
+    faulty,
+    surroundings,
+    umbrella_means,
+)
 from pqmesh.optimize.guard import LEAST_SINE, Guard, least_sines
-from pqmesh.vectors import TINY, Floats, Indices, Mask, cross, dot, norm, unit
+from pqmesh.vectors import Floats, Indices, Mask, cross, dot, norm
 
-# Sines of corners above this are straight to the digits of a file: no reason to mend.
-BENT_BACK = -1e-3
-# An edge below this share of the longest of its face has collapsed; a mended one must have more.
-COLLAPSED, LEAST_MENDED = 1e-4, 0.02
+# Edges of a mended face have at least this share of its longest one.
+LEAST_MENDED = 0.02
 # Signed areas at corners to aim for, as a share of those around; of what a valid face has.
 AIM, KEEP = 0.4, 0.6
 # Weights of the umbrella and of the move, against growing ones of the missing areas.
 SMOOTH, HOLD, PRESSURES = 1.0, 1e-2, (1e1, 1e2, 1e3, 1e4)
-# Rounds in which normals and sizes spread from valid faces into what is broken.
-ROUNDS = 12
 # Steps of the minimisation for each weight.
 STEPS = 200
 
@@ -84,27 +88,6 @@ class Mending:
         return found
 
 
-def broken_faces(mesh: PolyMesh) -> Mask:
-    """Faces (F,) that are folded, darts or crossed, without area, or have a collapsed edge.
-
-    Re-entrant corners of polygons with more than four corners are no fault (`least_sines`).
-
-    Examples
-    --------
-    >>> dart = PolyMesh.of([[0, 0, 0], [1, 0, 0], [0.2, 0.2, 0], [0, 1, 0]], [[0, 1, 2, 3]])
-    >>> broken_faces(dart)
-    array([ True])
-    """
-    topology = mesh.topology
-    lengths = mesh.edge_lengths[topology.face_edges]
-    longest = np.maximum.reduceat(lengths, topology.offsets[:-1])
-    shortest = np.minimum.reduceat(lengths, topology.offsets[:-1])
-    flat = norm(mesh.face_area_vectors) <= 1e-12 * longest**2
-    return np.asarray(
-        (least_sines(mesh) < BENT_BACK) | flat | (shortest < COLLAPSED * longest), dtype=np.bool_
-    )
-
-
 def mended(mesh: PolyMesh, fixed: Mask | None = None) -> Mending:
     """The mesh with its broken faces made valid where that is possible; no valid face breaks.
 
@@ -133,11 +116,11 @@ def mended(mesh: PolyMesh, fixed: Mask | None = None) -> Mending:
     ([6, 9, 10], [], [12])
     """
     free = np.ones(mesh.topology.n_vertices, dtype=np.bool_) if fixed is None else ~fixed
-    start, fault = mesh, _faulty(mesh)
+    start, fault = mesh, faulty(mesh)
     if not fault.any():
         none = np.empty(0, dtype=np.int64)
         return Mending(mesh, none, none, none, 0.0)
-    surround = _surround(mesh, fault)
+    surround = surroundings(mesh, fault)
     guard = Guard.of(mesh)
     # What is broken has no limits of its own; nor have its edges, which may be far too long.
     guard = replace(guard, least_sine=np.where(fault, -np.inf, guard.least_sine))
@@ -161,123 +144,16 @@ def mended(mesh: PolyMesh, fixed: Mask | None = None) -> Mending:
     )
 
 
-# --- what surrounds the faults ----------------------------------------------------------------
-
-
-class _Surround(NamedTuple):
-    """What valid faces say of the broken ones.
-
-    Attributes
-    ----------
-    normals : (F, 3)
-        Of valid faces their own.
-    sizes : (V,)
-        Square of a typical edge.
-    umbrellas : (V, 3), model unit
-        A vertex less the mean of its neighbours.
-    """
-
-    normals: Floats
-    sizes: Floats
-    umbrellas: Floats
-
-
-def _faulty(mesh: PolyMesh) -> Mask:
-    """Broken faces, and those beside them that lie on their backs."""
-    fault = broken_faces(mesh)
-    if not fault.any():
-        return fault
-    topology = mesh.topology
-    suspect = _touching(topology, _corners_of(topology, fault))
-    # Judged by the faces behind them, where these meet at a corner.
-    around = _face_means(topology, _vertex_sums(topology, mesh.face_normals, ~suspect))
-    return np.asarray(fault | (suspect & (dot(around, mesh.face_normals) < 0)))
-
-
-def _surround(mesh: PolyMesh, fault: Mask) -> _Surround:
-    """Normals, sizes and umbrellas spread from what is valid."""
-    topology = mesh.topology
-    links = _links(topology)
-    sums = _vertex_sums(topology, mesh.face_normals, ~fault)
-    spread = unit(_spread(links, sums, norm(sums) > 0))
-    means = _face_means(topology, spread)
-    # A piece all of whose faces are broken has its own word only.
-    means = np.where(norm(means)[:, None] > TINY, unit(means), mesh.face_normals)
-    normals = np.where(fault[:, None], means, mesh.face_normals)
-    # What is beside a fault is stretched: better to ask those behind it, where there are any.
-    beside = _touching(topology, _corners_of(topology, fault))
-    asked = fault if beside.all() else beside
-    # Square of the edge of a regular face of the same area.
-    size = topology.face_sizes
-    squares = 4.0 * np.tan(np.pi / size) / size * norm(mesh.face_area_vectors)
-    content = np.column_stack([squares, np.ones(topology.n_faces)])
-    totals = _vertex_sums(topology, content, ~asked)
-    means = _spread(links, totals / np.maximum(totals[:, 1:], 1.0), totals[:, 1] > 0)
-    ends = topology.edges.ravel()
-    own = np.bincount(ends, np.repeat(mesh.edge_lengths, 2)) / np.bincount(ends)
-    sizes = np.where(means[:, 0] > TINY, means[:, 0], own**2)
-    everywhere = np.ones(topology.n_vertices, dtype=np.bool_)
-    umbrellas = mesh.vertices - _umbrella(topology, everywhere) @ mesh.vertices
-    rim = topology.is_boundary_vertex
-    clean = ~_corners_of(topology, asked)
-    inside = _spread(links, umbrellas, clean & ~rim)
-    along = np.where(clean[:, None], umbrellas, 0.0)
-    return _Surround(normals, sizes, np.where(rim[:, None], along, inside))
-
-
-def _vertex_sums(topology: Topology, values: Floats, faces: Mask) -> Floats:
-    """Sums over the chosen faces at each vertex, (V, n)."""
-    chosen = faces[topology.corner_faces]
-    sums = np.zeros((topology.n_vertices, values.shape[1]))
-    np.add.at(sums, topology.indices[chosen], values[topology.corner_faces[chosen]])
-    return sums
-
-
-def _face_means(topology: Topology, values: Floats) -> Floats:
-    """Means over the corners of each face, (F, n)."""
-    sums = np.add.reduceat(values[topology.indices], topology.offsets[:-1], axis=0)
-    return np.asarray(sums / topology.face_sizes[:, None])
-
-
-def _spread(links: Any, values: Floats, known: Mask) -> Floats:
-    """Values of the known vertices, carried on to the others as means of neighbours."""
-    values = np.where(known[:, None], values, 0.0)
-    for _ in range(ROUNDS):
-        if known.all():
-            break
-        count = links @ known.astype(np.float64)
-        fresh = ~known & (count > 0)
-        values[fresh] = (links @ values)[fresh] / count[fresh, None]
-        known = known | fresh
-    return values
-
-
-def _links(topology: Topology) -> Any:
-    """Adjacency of the vertices along edges, sparse (V, V)."""
-    n, (low, high) = topology.n_vertices, topology.edges.T
-    rows, columns = np.concatenate([low, high]), np.concatenate([high, low])
-    return csr_array(coo_array((np.ones(len(rows)), (rows, columns)), shape=(n, n)))
-
-
-def _umbrella(topology: Topology, chosen: Mask) -> Any:
-    """Mean of the neighbours, sparse (V, V): along the boundary for a boundary vertex."""
-    n, rim = topology.n_vertices, topology.is_boundary_vertex
-    edges = np.concatenate([topology.edges, topology.edges[:, ::-1]])
-    outer = np.concatenate([topology.is_boundary_edge] * 2)
-    kept = chosen[edges[:, 0]] & (outer | ~rim[edges[:, 0]])
-    rows, columns = edges[kept].T
-    count = np.bincount(rows, minlength=n)
-    return csr_array(coo_array((1.0 / count[rows], (rows, columns)), shape=(n, n)))
-
-
 # --- where vertices go ------------------------------------------------------------------------
 
 
-def _movable(mesh: PolyMesh, faces: Mask, level: int, surround: _Surround) -> Mask:
+def _movable(mesh: PolyMesh, faces: Mask, level: int, surround: Surround) -> Mask:
     """Vertices to move at a level: those to blame, those of the faces, and rings around."""
     topology = mesh.topology
     if level == 0:
-        means = _umbrella(topology, np.ones(topology.n_vertices, dtype=np.bool_)) @ mesh.vertices
+        means = (
+            umbrella_means(topology, np.ones(topology.n_vertices, dtype=np.bool_)) @ mesh.vertices
+        )
         out = norm(mesh.vertices - means - surround.umbrellas) / np.sqrt(surround.sizes)
         # A corner of the outline stands out by nature.
         out[topology.is_boundary_vertex & (topology.valence == 2)] = 0.0
@@ -288,24 +164,24 @@ def _movable(mesh: PolyMesh, faces: Mask, level: int, surround: _Surround) -> Ma
         movable = np.zeros(topology.n_vertices, dtype=np.bool_)
         movable[topology.indices[blamed]] = True
         return movable
-    vertices = _corners_of(topology, faces)
+    vertices = corners_of(topology, faces)
     for _ in range(level - 1):
-        vertices = _corners_of(topology, _touching(topology, vertices))
+        vertices = corners_of(topology, faces_touching(topology, vertices))
     return vertices
 
 
 def _relaxed(
-    start: PolyMesh, mesh: PolyMesh, movable: Mask, fault: Mask, surround: _Surround
+    start: PolyMesh, mesh: PolyMesh, movable: Mask, fault: Mask, surround: Surround
 ) -> Floats:
     """Positions (V, 3) in which the corners at the movable vertices have their signed areas."""
     topology = mesh.topology
-    active = _touching(topology, movable)
+    active = faces_touching(topology, movable)
     corners = np.flatnonzero(active[topology.corner_faces])
     faces = topology.corner_faces[corners]
     at, ahead = topology.indices[corners], topology.indices[topology.corner_next[corners]]
     behind = _previous(topology)[corners]
     normals = surround.normals[faces]
-    squares = _face_means(topology, surround.sizes[:, None])[:, 0]
+    squares = face_means(topology, surround.sizes[:, None])[:, 0]
     aim = squares[faces] * np.sin(2.0 * np.pi / np.maximum(topology.face_sizes[faces], 4))
     own = dot(normals, cross(mesh.vertices[ahead] - mesh.vertices[at],
                              mesh.vertices[behind] - mesh.vertices[at]))  # fmt: skip
@@ -316,7 +192,7 @@ def _relaxed(
     chosen = np.flatnonzero(movable)
     smooth = movable & (~topology.is_boundary_vertex | _along_rim(start, fault))
     rows = np.flatnonzero(smooth)
-    umbrella = _umbrella(topology, smooth)[rows]
+    umbrella = umbrella_means(topology, smooth)[rows]
     scale = surround.sizes
 
     # In units of a typical edge, so that the steps do not depend on the unit.
@@ -379,14 +255,14 @@ def _accepted(
 ) -> PolyMesh:
     """The mesh with those groups of moves that mend faces and break none."""
     topology = mesh.topology
-    active = _touching(topology, movable)
+    active = faces_touching(topology, movable)
     group = _groups(topology, movable, active)
     moved = mesh.with_vertices(points)
     broken, short = guard.broken(points)
     # A re-entrant corner beside a fault may well close.
     bent = np.zeros(topology.n_faces, dtype=np.bool_)
-    for group_of, sign in zip(topology.face_groups, guard.signs, strict=True):
-        bent[group_of.faces] = (sign < 0).any(axis=1)
+    for group_of, bend in zip(topology.face_groups, guard.bends, strict=True):
+        bent[group_of.faces] = (bend.signs < 0).any(axis=1)
     broken = np.where(bent, least_sines(moved) <= 0, broken)
     # An edge of a broken face has no length that it must keep.
     bound = topology.edge_faces
@@ -424,18 +300,6 @@ def _groups(topology: Topology, movable: Mask, active: Mask) -> Indices:
     count = topology.n_faces + topology.n_vertices
     graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
-
-
-def _corners_of(topology: Topology, faces: Mask) -> Mask:
-    """Vertices (V,) of the faces."""
-    found = np.zeros(topology.n_vertices, dtype=np.bool_)
-    found[topology.indices[faces[topology.corner_faces]]] = True
-    return found
-
-
-def _touching(topology: Topology, vertices: Mask) -> Mask:
-    """Faces (F,) with such a vertex."""
-    return np.asarray(np.logical_or.reduceat(vertices[topology.indices], topology.offsets[:-1]))
 
 
 def _previous(topology: Topology) -> Indices:
