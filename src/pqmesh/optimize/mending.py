@@ -3,13 +3,8 @@
 A face is broken where it is folded, a dart, without area, or has a collapsed edge; and where it
 lies on its back beside such a face. The vertices to blame are moved first: in each broken face the
 one that stands out most from its neighbours; then all vertices of broken faces, then one ring and
-two rings around them. They go where
-
-    sum over corners of what is missing to a least signed area         (must vanish)
-    + umbrella of each vertex as around it + a little of its move
-
-is smallest, the signed areas being seen along normals and in sizes taken over from the valid
-faces around. What became valid without breaking another face is kept, the rest left and named.
+two rings around them (`untangling`). What became valid without breaking another face is kept, the
+rest is left and named.
 """
 
 from __future__ import annotations
@@ -17,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -26,23 +20,17 @@ from pqmesh.mesh.topology import Topology
 from pqmesh.optimize.faults import (
     Surround,
     corners_of,
-    face_means,
     faces_touching,
     faulty,
     surroundings,
     umbrella_means,
 )
 from pqmesh.optimize.guard import LEAST_SINE, Guard, least_sines
-from pqmesh.vectors import Floats, Indices, Mask, cross, dot, norm
+from pqmesh.optimize.untangling import untangled
+from pqmesh.vectors import Floats, Indices, Mask, dot, norm
 
 # Edges of a mended face have at least this share of its longest one.
 LEAST_MENDED = 0.02
-# Signed areas at corners to aim for, as a share of those around; of what a valid face has.
-AIM, KEEP = 0.4, 0.6
-# Weights of the umbrella and of the move, against growing ones of the missing areas.
-SMOOTH, HOLD, PRESSURES = 1.0, 1e-2, (1e1, 1e2, 1e3, 1e4)
-# Steps of the minimisation for each weight.
-STEPS = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +117,8 @@ def mended(mesh: PolyMesh, fixed: Mask | None = None) -> Mending:
         movable = _movable(mesh, open_faces, level, surround) & free
         if not movable.any():
             continue
-        moved = _relaxed(start, mesh, movable, fault, surround)
-        mesh = _accepted(mesh, moved, movable, open_faces, guard, surround.normals)
+        moved = untangled(mesh, start, movable, fault, surround)
+        mesh = _accepted(mesh, moved, movable, fault, open_faces, guard, surround.normals)
         open_faces = open_faces & _still_broken(mesh, open_faces, surround.normals)
         if not open_faces.any():
             break
@@ -170,78 +158,6 @@ def _movable(mesh: PolyMesh, faces: Mask, level: int, surround: Surround) -> Mas
     return vertices
 
 
-def _relaxed(
-    start: PolyMesh, mesh: PolyMesh, movable: Mask, fault: Mask, surround: Surround
-) -> Floats:
-    """Positions (V, 3) in which the corners at the movable vertices have their signed areas."""
-    topology = mesh.topology
-    active = faces_touching(topology, movable)
-    corners = np.flatnonzero(active[topology.corner_faces])
-    faces = topology.corner_faces[corners]
-    at, ahead = topology.indices[corners], topology.indices[topology.corner_next[corners]]
-    behind = _previous(topology)[corners]
-    normals = surround.normals[faces]
-    squares = face_means(topology, surround.sizes[:, None])[:, 0]
-    aim = squares[faces] * np.sin(2.0 * np.pi / np.maximum(topology.face_sizes[faces], 4))
-    own = dot(normals, cross(mesh.vertices[ahead] - mesh.vertices[at],
-                             mesh.vertices[behind] - mesh.vertices[at]))  # fmt: skip
-    wanted = np.where(fault[faces], AIM * aim, np.minimum(AIM * aim, KEEP * own))
-    used = (own > 0) | fault[faces]
-    at, ahead, behind, normals = at[used], ahead[used], behind[used], normals[used]
-    aim, wanted = aim[used], wanted[used]
-    chosen = np.flatnonzero(movable)
-    smooth = movable & (~topology.is_boundary_vertex | _along_rim(start, fault))
-    rows = np.flatnonzero(smooth)
-    umbrella = umbrella_means(topology, smooth)[rows]
-    scale = surround.sizes
-
-    # In units of a typical edge, so that the steps do not depend on the unit.
-    length = float(np.sqrt(scale[chosen].mean()))
-
-    def energy(flat: Floats, pressure: float) -> tuple[float, Floats]:
-        points = mesh.vertices.copy()
-        points[chosen] = length * flat.reshape(-1, 3)
-        out, back = points[ahead] - points[at], points[behind] - points[at]
-        missing = np.maximum(wanted - dot(normals, cross(out, back)), 0.0) / aim
-        gradient = np.zeros_like(points)
-        pull = (-2.0 * pressure * missing / aim)[:, None]
-        by_out, by_back = pull * cross(back, normals), pull * cross(normals, out)
-        np.add.at(gradient, ahead, by_out)
-        np.add.at(gradient, behind, by_back)
-        np.add.at(gradient, at, -by_out - by_back)
-        rough = points[rows] - umbrella @ points - surround.umbrellas[rows]
-        soft = 2.0 * SMOOTH * rough / scale[rows, None]
-        gradient[rows] += soft
-        gradient -= umbrella.T @ soft
-        away = points[chosen] - start.vertices[chosen]
-        gradient[chosen] += 2.0 * HOLD * away / scale[chosen, None]
-        value = (
-            pressure * float(np.sum(missing**2))
-            + SMOOTH * float(np.sum(rough**2 / scale[rows, None]))
-            + HOLD * float(np.sum(away**2 / scale[chosen, None]))
-        )
-        return value, length * gradient[chosen].ravel()
-
-    x = mesh.vertices[chosen].ravel() / length
-    for pressure in PRESSURES:
-        found = minimize(energy, x, (pressure,), "L-BFGS-B", jac=True, options={"maxiter": STEPS})
-        x = np.asarray(found.x, dtype=np.float64)
-    points = mesh.vertices.copy()
-    points[chosen] = length * x.reshape(-1, 3)
-    return points
-
-
-def _along_rim(mesh: PolyMesh, fault: Mask) -> Mask:
-    """Boundary vertices (V,) at which the boundary runs on smoothly, or should: no corners."""
-    keep = np.zeros(mesh.topology.n_vertices, dtype=np.bool_)
-    keep[mesh.topology.is_boundary_vertex & (mesh.topology.valence > 2)] = True
-    for loop in mesh.topology.boundary_loops:
-        points = mesh.vertices[loop]
-        ahead, behind = np.roll(points, -1, axis=0) - points, points - np.roll(points, 1, axis=0)
-        keep[loop[dot(ahead, behind) < 0.85 * norm(ahead) * norm(behind)]] = False
-    return keep
-
-
 # --- what is kept -----------------------------------------------------------------------------
 
 
@@ -249,6 +165,7 @@ def _accepted(
     mesh: PolyMesh,
     points: Floats,
     movable: Mask,
+    fault: Mask,
     open_faces: Mask,
     guard: Guard,
     normals: Floats,
@@ -268,6 +185,7 @@ def _accepted(
     bound = topology.edge_faces
     exempt = ((bound >= 0) & open_faces[bound]).any(axis=1)
     around = np.logical_or.reduceat((short & ~exempt)[topology.face_edges], topology.offsets[:-1])
+    broken |= _still_broken(moved, fault, normals)
     harmed = active & (broken | around) & ~open_faces
     before = open_faces & active
     after = before & _still_broken(moved, open_faces, normals)
@@ -300,13 +218,6 @@ def _groups(topology: Topology, movable: Mask, active: Mask) -> Indices:
     count = topology.n_faces + topology.n_vertices
     graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
-
-
-def _previous(topology: Topology) -> Indices:
-    """Vertex before each corner in its face, aligned with `indices`."""
-    before = np.empty_like(topology.indices)
-    before[topology.corner_next] = topology.indices
-    return before
 
 
 def _counted(numbers: Indices, one: str, many: str | None = None) -> str:
