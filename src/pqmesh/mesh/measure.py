@@ -16,6 +16,8 @@ FLAT_VERTEX = 1e-6
 RANK_TOLERANCE = 1e-10
 # Diagonals at a smaller angle (radians) count as parallel: a crossed or folded quad.
 PARALLEL_DIAGONALS = 1e-9
+# A mean of unit normals shorter than this has no direction.
+ALL_WAYS = 0.25
 
 
 class Cones(NamedTuple):
@@ -161,13 +163,18 @@ def nonconvex_faces(mesh: PolyMesh) -> Indices:
 
 
 def flipped_faces(mesh: PolyMesh) -> Indices:
-    """Faces turned over against their neighbours: normal beyond 120 degrees of their mean."""
+    """Faces turned over against their neighbours: normal beyond 120 degrees of their mean.
+
+    Neighbours that look all ways, as around a face of a box, have no mean to judge by.
+    """
     topology = mesh.topology
     pairs = topology.edge_faces[~topology.is_boundary_edge]
     around = np.zeros((topology.n_faces, 3))
     np.add.at(around, pairs[:, 0], mesh.face_normals[pairs[:, 1]])
     np.add.at(around, pairs[:, 1], mesh.face_normals[pairs[:, 0]])
-    return np.flatnonzero(dot(unit(around), mesh.face_normals) < -0.5)
+    count = np.bincount(pairs.ravel(), minlength=topology.n_faces)
+    judged = norm(around) > ALL_WAYS * count
+    return np.flatnonzero(judged & (dot(unit(around), mesh.face_normals) < -0.5))
 
 
 def circularity_defect(mesh: PolyMesh) -> Floats:
