@@ -29,6 +29,7 @@ _PUBLIC = {
     "quads_from_network": "network.meshing",
     "problem_for": "optimize.recipes",
     "solve": "optimize.solver",
+    "mended": "optimize.mending",
     "face_offset": "offset.offsets",
     "edge_offset": "koebe.edge_offset",
     "vertex_offset": "offset.offsets",

@@ -18,6 +18,7 @@ from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.offset.distances import face_distance
 from pqmesh.offset.offsets import face_offset
 from pqmesh.optimize.guard import Guard
+from pqmesh.optimize.problem import gathered
 from pqmesh.optimize.recipes import KINDS, problem_for
 from pqmesh.optimize.schedule import optimized
 from pqmesh.optimize.solver import solve
@@ -130,6 +131,31 @@ def test_both_at_once_exist_beside_an_ellipsoid_but_do_not_approach_it():
     assert far["conical", 12] < 0.4 * far["conical", 6]
     assert far["conical-circular", 12] > 0.7 * far["conical-circular", 6]
     assert far["conical-circular", 12] > 10 * far["conical", 12]
+
+
+@pytest.mark.parametrize(("m", "n"), [(4, 4), (3, 6)])
+def test_both_at_once_are_a_family_of_4m_4n_2_parameters(m, n):
+    points, _, _ = sampled(ellipsoid, np.linspace(0.2, 1.2, m + 1), np.linspace(0.2, 1.2, n + 1))
+    start = grid_mesh(points)
+    problem = problem_for("conical-circular", start, reference_of(start))
+    found = solve(problem, start)
+    assert found.converged
+    rows = []
+    for goal in problem.goals:
+        if goal.hard:
+            term = goal.term
+            jacobian = term.evaluate(gathered(term, found.blocks))[1][:, 0]
+            matrix = np.zeros((len(jacobian), start.topology.n_vertices, 3))
+            for row, (stencil, block) in enumerate(
+                zip(term.stencils["vertices"], jacobian, strict=True)
+            ):
+                np.add.at(matrix[row], stencil, block)
+            rows.append(matrix.reshape(len(matrix), -1))
+    values = np.linalg.svd(np.vstack(rows), compute_uv=False)
+    # mn planes, mn circles and (m - 1)(n - 1) cones, no one of which follows from the others.
+    assert len(values) == 2 * m * n + (m - 1) * (n - 1)
+    assert values[-1] > 1e-3 * values[0]
+    assert 3 * (m + 1) * (n + 1) - len(values) == 4 * m + 4 * n + 2
 
 
 def test_both_at_once_on_a_twisted_grid_end_with_an_answer():
