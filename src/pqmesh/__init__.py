@@ -31,6 +31,7 @@ _PUBLIC = {
     "problem_for": "optimize.recipes",
     "solve": "optimize.solver",
     "outlook": "optimize.outlook",
+    "mended": "optimize.mending",
     "face_offset": "offset.offsets",
     "edge_offset": "koebe.edge_offset",
     "vertex_offset": "offset.offsets",

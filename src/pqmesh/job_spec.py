@@ -35,7 +35,7 @@ class Spec:
     edges : (float, float)
         Wanted panel edge along the lines of the first and of the second family; of larger and
         of smaller principal curvature in a principal network.
-    kind : 'planar', 'conical', 'circular' or 'edge-offset'
+    kind : 'planar', 'conical', 'circular', 'conical-circular' or 'edge-offset'
     network : 'principal', 'uv', 'geodesic' or 'conjugate'
     given : Given, optional
         The family that a conjugate or geodesic network starts from.

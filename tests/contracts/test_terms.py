@@ -5,7 +5,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from shapes import curved_mesh, random_rotation, vertex_fan, zoo
+from shapes import (
+    crown,
+    curved_mesh,
+    dodecahedron,
+    lantern,
+    polygon_mesh,
+    random_rotation,
+    vertex_fan,
+    zoo,
+)
 
 from pqmesh.errors import MeshError
 from pqmesh.mesh import solids
@@ -22,7 +31,7 @@ from pqmesh.surface.reference import TriangleReference
 
 
 def reference_of(mesh):
-    return TriangleReference.of_polygons(mesh.vertices, mesh.faces.tolist())
+    return TriangleReference.of_polygons(mesh.vertices, mesh.topology.face_lists())
 
 
 @dataclass(frozen=True)
@@ -75,6 +84,10 @@ def fan(k):
 
 
 MESHES = {
+    "polygons": polygon_mesh(),
+    "crown": crown(),
+    "lantern": lantern(),
+    "dodecahedron": dodecahedron(),
     "grid": curved_mesh(4, 3),
     "annulus": zoo()["annulus"][0],
     "torus": zoo()["torus"][0],

@@ -118,7 +118,9 @@ def test_closed_mesh_accepts_every_boundary(boundary):
 def test_unknown_kind_and_boundary_are_refused_by_name():
     mesh = curved_mesh(2, 2)
     reference = TriangleReference.of_polygons(mesh.vertices, mesh.faces.tolist())
-    with pytest.raises(SpecError, match="planar, conical, circular; found 'flat'"):
+    with pytest.raises(
+        SpecError, match="planar, conical, circular, conical-circular; found 'flat'"
+    ):
         problem_for("flat", mesh, reference)
     with pytest.raises(SpecError, match="free, fixed, glide; found 'loose'"):
         problem_for("planar", mesh, reference, boundary="loose")

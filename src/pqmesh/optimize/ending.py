@@ -10,7 +10,6 @@ from pqmesh.optimize.guard import Guard
 from pqmesh.optimize.problem import Goal
 from pqmesh.vectors import Floats, norm
 
-
 # A last move as small as this, in mean edges, has found the optimum of the soft goals.
 SETTLED = 1e-4
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from pqmesh.mesh.conjugacy import conjugacy
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.optimize.multilevel import coarse_to_fine
 from pqmesh.optimize.recipes import Weights, problem_for
 from pqmesh.optimize.solver import Solution, Step, solve
@@ -21,7 +21,7 @@ FAR = ("far from conjugate", "asymptotic")
 
 def optimized(
     kind: str,
-    start: QuadMesh,
+    start: PolyMesh,
     reference: Reference,
     *,
     boundary: str = "free",
@@ -39,8 +39,8 @@ def optimized(
 
     Parameters
     ----------
-    kind : 'planar', 'conical' or 'circular'
-    start : QuadMesh
+    kind : 'planar', 'conical', 'circular' or 'conical-circular'
+    start : PolyMesh
     reference : Reference
     boundary : 'free', 'fixed' or 'glide'
     within : float, optional, model unit
@@ -55,15 +55,16 @@ def optimized(
         The first that converges; else the one with the smallest hard residuals.
     """
 
-    def attempt(weights: Weights, first: QuadMesh) -> Solution:
+    def attempt(weights: Weights, first: PolyMesh) -> Solution:
         problem = problem_for(kind, first, reference, boundary=boundary, weights=weights, warp=warp)
         return solve(problem, first, progress=lambda _, step: progress(step) if progress else None)
 
     def by_levels() -> Solution | None:
-        if boundary == "glide":
+        if boundary == "glide" or not start.topology.is_quad:
             return None
+        quads = QuadMesh(start.vertices, start.topology)
         return coarse_to_fine(
-            kind, start, reference, boundary=boundary, warp=warp, progress=progress
+            kind, quads, reference, boundary=boundary, warp=warp, progress=progress
         )
 
     far = conjugacy(start).verdict in FAR
@@ -91,7 +92,7 @@ def optimized(
 
 
 def _relaxed(
-    attempt: Callable[[Weights, QuadMesh], Solution], start: QuadMesh, best: Solution | None
+    attempt: Callable[[Weights, PolyMesh], Solution], start: PolyMesh, best: Solution | None
 ) -> tuple[Solution, Weights]:
     """Tries with a weaker and weaker pull to the reference, until one converges."""
     weights = Weights()

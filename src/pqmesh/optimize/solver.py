@@ -357,8 +357,7 @@ class _Place:
         """Faces (F,) that the whole step would break, or an edge of theirs."""
         step = self.whole(direction) * direction
         blocks = self.assembly.moved(self.state.blocks, step)
-        faces, edges = self.guard.broken(blocks["vertices"])
-        return np.asarray(faces | self.guard.beside(edges))
+        return self.guard.blocked(blocks["vertices"])
 
     def _longest(self, direction: Floats) -> float:
         """Longest move of a vertex, model unit."""

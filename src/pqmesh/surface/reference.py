@@ -12,7 +12,6 @@ from pqmesh.surface.base import Surface
 from pqmesh.surface.closest import closest_point
 from pqmesh.vectors import TINY, Floats, cross, dot, norm, unit
 
-
 # A point this close to a triangle, as a share of the largest radius of one, lies on it.
 ON_IT = 1e-14
 

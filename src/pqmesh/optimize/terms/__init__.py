@@ -4,11 +4,12 @@ from pqmesh.optimize.terms.angles import Circularity, Conicality
 from pqmesh.optimize.terms.closeness import Closeness, Gliding
 from pqmesh.optimize.terms.cone import Cone
 from pqmesh.optimize.terms.linear import anchor, fairness, held_edges
-from pqmesh.optimize.terms.planarity import Planarity
+from pqmesh.optimize.terms.planarity import Planarity, PolygonPlanarity
 
 # Name -> constructor; the contract tests run over this table.
 TERMS = {
     "planarity": Planarity.on,
+    "polygon_planarity": PolygonPlanarity.on,
     "conicality": Conicality.on,
     "cone": Cone.on,
     "circularity": Circularity.on,
@@ -27,6 +28,7 @@ __all__ = [
     "Conicality",
     "Gliding",
     "Planarity",
+    "PolygonPlanarity",
     "anchor",
     "fairness",
     "held_edges",

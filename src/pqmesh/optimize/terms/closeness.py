@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.optimize.problem import Blocks
 from pqmesh.surface.reference import Reference
 from pqmesh.vectors import TINY, Floats, Indices, dot, norm, unit
@@ -68,7 +68,7 @@ class Gliding:
     length: float
 
     @classmethod
-    def on(cls, mesh: QuadMesh, vertices: Indices) -> Gliding:
+    def on(cls, mesh: PolyMesh, vertices: Indices) -> Gliding:
         """Elements for the given boundary vertices; the curve is the whole boundary."""
         loops = mesh.topology.boundary_loops
         starts = np.concatenate([mesh.vertices[loop] for loop in loops])
