@@ -55,6 +55,9 @@ FINISH_PENALTY = 1e12
 FINISH_ROOM = 0.97
 # Steps without a better result after which the descent, or the finish, has had its chance.
 PATIENCE = 12
+# A step that moves no vertex by more than this, in mean edges, finds the soft goals at rest.
+# So many steps at the last penalty are waited for that.
+AT_REST, RESTLESS = 1e-2, 4
 # Longest move of a vertex in one step, in mean edges.
 LONGEST_STEP = 0.3
 # A face that would break is braked: first as stiff as a hard goal, then ten times as stiff; so
@@ -135,10 +138,16 @@ def solve(
         if state.finishing and best.stalled(4 if step.penalty >= FINISH_PENALTY else PATIENCE):
             return best.solution(tuple(steps), best.at_rest())
         # The descent may also go in circles where the normals of a faceted reference jump.
-        if not state.finishing and (step.penalty >= LAST_PENALTY or best.stalled(PATIENCE)):
+        if not state.finishing and (_descended(steps) or best.stalled(PATIENCE)):
             state = replace(state, finishing=True, multipliers={})
             best.forget()
     return best.solution(tuple(steps), f"stopped after {most_steps} steps")
+
+
+def _descended(steps: list[Step]) -> bool:
+    """The penalty is at its end, and the soft goals have come to rest or had their time."""
+    last = [step for step in steps[-RESTLESS:] if step.penalty >= LAST_PENALTY]
+    return len(last) == RESTLESS or (bool(last) and last[-1].moved < AT_REST)
 
 
 def _hardest(goals: tuple[Goal, ...], values: tuple[tuple[Floats, Floats], ...]) -> float:
@@ -185,9 +194,16 @@ def _advance(
         if not np.isfinite(direction).all():
             damping = max(10.0 * damping, 1e-8)
             continue
+        taken = None
         if state.straight or state.finishing:
-            here, direction = here.sharpened(direction, factor)
-        taken = here.line_search(direction, factor)
+            # Where goals nearly depend on each other, the exact step goes far for nothing.
+            exact, step = here.sharpened(direction, factor)
+            taken = exact.line_search(step, factor)
+            if taken is not None and taken.share == 1.0:
+                here, direction = exact, step
+            else:
+                taken = None
+        taken = taken or here.line_search(direction, factor)
         short = taken is None or taken.share < here.whole(direction)
         blocking = here.blocking(direction) if short and tries else None
         if blocking is not None and blocking.any():
