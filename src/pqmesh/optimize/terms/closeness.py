@@ -1,16 +1,20 @@
-"""Terms that follow a reference: closeness to a surface, gliding along a boundary curve."""
+"""Terms that follow a surface: closeness to it, and a bound for the distance from it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.optimize.problem import Blocks
 from pqmesh.surface.reference import Reference
-from pqmesh.vectors import TINY, Floats, Indices, dot, norm, unit
+from pqmesh.vectors import Floats, Indices, dot, norm, unit
+
+# Below this share of the mean edge the way from a foot point is rounding.
+SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,53 +49,38 @@ class Closeness:
 
 
 @dataclass(frozen=True, eq=False)
-class Gliding:
-    """Distance of boundary vertices to the boundary curve of the start mesh, over the mean edge.
+class Within:
+    """Distance of vertices to a surface, over the mean edge, to be bounded by a slack.
 
-    Two residuals across the curve's tangent at the nearest point. Corners of the boundary are
-    to be fixed beside this term.
+    To first order: along the way from the foot point to the vertex, which beyond the rim of the
+    surface is not its normal. A vertex on the surface has no such way and takes the normal; an
+    inequality asks nothing of it there.
     """
 
     stencils: Mapping[str, Indices]
-    segments: Floats
+    reference: Reference
     feet: Floats
-    across: Floats
+    ways: Floats
     length: float
 
     @classmethod
-    def on(cls, mesh: QuadMesh, vertices: Indices) -> Gliding:
-        """Elements for the given boundary vertices; the curve is the whole boundary."""
-        loops = mesh.topology.boundary_loops
-        starts = np.concatenate([mesh.vertices[loop] for loop in loops])
-        ends = np.concatenate([mesh.vertices[np.roll(loop, -1)] for loop in loops])
-        segments = np.stack([starts, ends], axis=1)
-        feet, across = _on_segments(segments, mesh.vertices[vertices])
-        return cls({"vertices": vertices[:, None]}, segments, feet, across, mesh.mean_edge_length)
+    def on(cls, mesh: QuadMesh, reference: Reference) -> Self:
+        """One element for each vertex."""
+        rows = np.arange(mesh.topology.n_vertices)[:, None]
+        nothing = np.zeros_like(mesh.vertices)
+        term = cls({"vertices": rows}, reference, nothing, nothing, mesh.mean_edge_length)
+        return term.refreshed({"vertices": mesh.vertices})
 
     def evaluate(self, rows: Floats) -> tuple[Floats, Floats]:
-        """Residuals (n, 2) and Jacobian (n, 2, 1, 3)."""
-        offset = rows[:, 0] - self.feet
-        value = np.einsum("nri,ni->nr", self.across, offset)
-        return value / self.length, self.across[:, :, None] / self.length
+        """Residuals (n, 1) and Jacobian (n, 1, 1, 3)."""
+        distance = dot(rows[:, 0] - self.feet, self.ways)
+        return distance[:, None] / self.length, self.ways[:, None, None] / self.length
 
-    def refreshed(self, blocks: Blocks) -> Gliding:
-        """The term with the nearest points of the current vertices."""
-        points = blocks["vertices"][self.stencils["vertices"][:, 0]]
-        feet, across = _on_segments(self.segments, points)
-        return replace(self, feet=feet, across=across)
-
-
-def _on_segments(segments: Floats, points: Floats) -> tuple[Floats, Floats]:
-    """Nearest points on a set of segments, and two unit vectors across the tangent there."""
-    start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
-    square = np.maximum(dot(along, along), TINY)
-    feet, tangents = np.empty_like(points), np.empty_like(points)
-    for row, point in enumerate(points):
-        share = np.clip(dot(point - start, along) / square, 0.0, 1.0)
-        places = start + share[:, None] * along
-        best = int(norm(places - point).argmin())
-        feet[row], tangents[row] = places[best], along[best]
-    tangents = unit(tangents)
-    helper = np.eye(3)[np.abs(tangents).argmin(axis=1)]
-    first = unit(np.cross(tangents, helper))
-    return feet, np.stack([first, np.cross(tangents, first)], axis=1)
+    def refreshed(self, blocks: Blocks) -> Self:
+        """The term with the foot points of the current vertices."""
+        points = blocks["vertices"]
+        feet, normals, reference = self.reference.closest(points)
+        away = points - feet
+        clear = norm(away) > SAME * self.length
+        ways = np.where(clear[:, None], unit(away), normals)
+        return replace(self, reference=reference, feet=feet, ways=ways)
