@@ -6,6 +6,9 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.optimize.conflicts import answered, hopeless, without
+from pqmesh.optimize.constraints import Constraints
+from pqmesh.optimize.problem import Problem
 from pqmesh.optimize.recipes import Weights, problem_for
 from pqmesh.optimize.solver import Solution, Step, solve
 from pqmesh.surface.reference import Reference
@@ -23,6 +26,7 @@ def optimized(
     boundary: str = "free",
     within: float | None = None,
     warp: float = 0.0,
+    constraints: Constraints | None = None,
     progress: Callable[[Step], None] | None = None,
 ) -> Solution:
     """Solution of a recipe with a closeness that the mesh can bear.
@@ -40,19 +44,39 @@ def optimized(
     within : float, optional, model unit
     warp : float, model unit
         Panels may be out of plane by so much; the rest of the freedom goes to the soft goals.
+    constraints : Constraints, optional
+        What is asked of the mesh beside.
     progress : callable, optional
         Called with every step.
 
     Returns
     -------
     Solution
-        The first that converges; else the one with the smallest hard residuals.
+        The first that converges; else the one with the smallest hard residuals. Where a boundary
+        that stays forbids some faces, the rest is solved, and the reason names them.
+
+    Raises
+    ------
+    SpecError
+        For an unknown kind or boundary, and for constraints that contradict each other.
     """
 
-    def attempt(weights: Weights) -> Solution:
-        problem = problem_for(kind, start, reference, boundary=boundary, weights=weights, warp=warp)
-        return solve(problem, start, progress=lambda _, step: progress(step) if progress else None)
+    def problem(weights: Weights) -> Problem:
+        return problem_for(
+            kind,
+            start,
+            reference,
+            boundary=boundary,
+            weights=weights,
+            warp=warp,
+            constraints=constraints,
+        )
 
+    def attempt(weights: Weights) -> Solution:
+        possible = without(problem(weights), impossible)
+        return solve(possible, start, progress=lambda _, step: progress(step) if progress else None)
+
+    impossible = [] if boundary == "free" else hopeless(problem(Weights()), start)
     weights = Weights()
     best = solution = attempt(weights)
     while not solution.converged and weights.closeness / FACTOR >= WEAKEST:
@@ -71,7 +95,7 @@ def optimized(
         if not solution.converged or _distance(solution, reference) > _distance(best, reference):
             break
         best = solution
-    return best
+    return answered(best, impossible, start)
 
 
 def _worst(solution: Solution) -> float:

@@ -59,9 +59,7 @@ class NodeAxis:
         center, first, before, spoke, after, last = np.moveaxis(rows, 1, 0)
         value, by_p, by_q = self._along(before - center, spoke - first)
         other, by_r, by_s = self._along(after - center, last - spoke)
-        jacobian = np.stack(
-            [by_r - by_p, -by_q, by_p, by_q + by_s, -by_r, -by_s], axis=1
-        )
+        jacobian = np.stack([by_r - by_p, -by_q, by_p, by_q + by_s, -by_r, -by_s], axis=1)
         return (value - other)[:, None], jacobian[:, None]
 
     def _along(self, p: Floats, q: Floats) -> tuple[Floats, Floats, Floats]:

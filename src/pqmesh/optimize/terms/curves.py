@@ -11,10 +11,11 @@ import numpy as np
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.optimize.polylines import Polylines
 from pqmesh.optimize.problem import Blocks
-from pqmesh.vectors import TINY, Floats, Indices, Mask, dot
+from pqmesh.vectors import TINY, Floats, Indices, Mask, dot, norm
 
-# A vertex that went to and fro between two segments so often stays at the kink between them.
-MOST_RETURNS = 2
+# A vertex that went to and fro between two segments so often, or stood beyond an end so often
+# while it was this near to the curve (in mean edges), stays at that kink or end.
+MOST_RETURNS, NEAR = 2, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +26,7 @@ class OnCurve:
     leads back to that end. So a residual of zero means on the polyline, and while the segment
     stays the residual is the way to a convex set: Newton's method has one target. `refreshed`
     steps to neighboring segments that have come nearer. Where the best place is a kink, a vertex
-    would go to and fro between its two segments without end; after two returns it stays there.
+    would go to and fro between its two segments without end; it stays there at last.
 
     Attributes
     ----------
@@ -34,14 +35,17 @@ class OnCurve:
         Segment of each vertex.
     left : (n,)
         Segment that each vertex was on before that, -1 at first.
+    kinks : (n, 3), model unit
+        Kink or end that each vertex came back to last.
     returns : (n,)
-        How often it came back to the segment it had left.
+        How often it came back.
     """
 
     stencils: Mapping[str, Indices]
     curves: Polylines
     segments: Indices
     left: Indices
+    kinks: Floats
     returns: Indices
     length: float
 
@@ -56,44 +60,47 @@ class OnCurve:
         cls, mesh: QuadMesh, vertices: Indices, curves: Polylines, segments: Indices
     ) -> Self:
         unknown, none = np.full(len(vertices), -1), np.zeros(len(vertices), dtype=np.int64)
+        kinks = np.zeros((len(vertices), 3))
         stencils = {"vertices": vertices[:, None]}
-        return cls(stencils, curves, segments, unknown, none, mesh.mean_edge_length)
+        return cls(stencils, curves, segments, unknown, kinks, none, mesh.mean_edge_length)
 
     @property
     def pinned(self) -> Mask:
-        """Vertices (n,) that stay at the kink between the segment they are on and the last one."""
+        """Vertices (n,) that stay at a kink or an end."""
         return np.asarray(self.returns >= MOST_RETURNS)
 
     def evaluate(self, rows: Floats) -> tuple[Floats, Floats]:
         """Residuals (n, 3) and Jacobian (n, 3, 1, 3)."""
-        points = rows[:, 0]
+        points, pinned = rows[:, 0], self.pinned
         along = self.curves.ends[self.segments] - self.curves.starts[self.segments]
         feet, beyond = self.curves.feet(points, self.segments)
-        feet = np.where(self.pinned[:, None], self._kinks(), feet)
+        feet = np.where(pinned[:, None], self.kinks, feet)
         free = along[:, :, None] * along[:, None, :]
         free = free / np.maximum(dot(along, along), TINY)[:, None, None]
-        held = self.pinned | beyond.any(axis=1)
+        held = pinned | beyond.any(axis=1)
         jacobian = np.eye(3) - np.where(held[:, None, None], 0.0, free)
         return (points - feet) / self.length, jacobian[:, :, None] / self.length
 
     def refreshed(self, blocks: Blocks) -> Self:
         """The term with the segments of the current vertices."""
         points = blocks["vertices"][self.stencils["vertices"][:, 0]]
-        segments = self.curves.walked(points, self.segments)
-        went = (segments != self.segments) & ~self.pinned
-        beside = (segments == self.curves.before[self.segments]) | (
-            segments == self.curves.after[self.segments]
+        segments = np.where(self.pinned, self.segments, self.curves.walked(points, self.segments))
+        went = segments != self.segments
+        before, after = self.curves.before[segments], self.curves.after[segments]
+        back = (
+            went & (segments == self.left) & ((self.segments == before) | (self.segments == after))
         )
-        returns = self.returns + (went & beside & (segments == self.left))
+        starts, ends = self.curves.starts[segments], self.curves.ends[segments]
+        kinks = np.where((self.segments == before)[:, None], starts, ends)
+        feet, beyond = self.curves.feet(points, segments)
+        stands = ~went & beyond.any(axis=1) & (norm(points - feet) < NEAR * self.length)
+        kinks = np.where(stands[:, None], feet, np.where(back[:, None], kinks, self.kinks))
+        same = (kinks == self.kinks).all(axis=1)
+        returns = np.where(back | stands, np.where(same, self.returns, 0) + 1, self.returns)
+        kinks = np.where(self.pinned[:, None], self.kinks, kinks)
+        returns = np.where(self.pinned, self.returns, returns)
         left = np.where(went, self.segments, self.left)
-        segments = np.where(went, segments, self.segments)
-        return replace(self, segments=segments, left=left, returns=returns)
-
-    def _kinks(self) -> Floats:
-        """The end of each vertex's segment that its last one meets."""
-        at_start = self.curves.before[self.segments] == self.left
-        starts, ends = self.curves.starts[self.segments], self.curves.ends[self.segments]
-        return np.where(at_start[:, None], starts, ends)
+        return replace(self, segments=segments, left=left, kinks=kinks, returns=returns)
 
 
 class Gliding(OnCurve):

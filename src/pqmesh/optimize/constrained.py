@@ -1,0 +1,301 @@
+"""Constraints as goals and fixed rows of a problem."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import singledispatch
+
+import numpy as np
+
+from pqmesh.errors import SpecError
+from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.optimize import constraints as asked
+from pqmesh.optimize.conflicts import check_consistent
+from pqmesh.optimize.problem import Goal, Problem, Term
+from pqmesh.optimize.selection import boundary_corners, selected
+from pqmesh.optimize.symmetric import partners, reflection, rotation
+from pqmesh.optimize.terms import (
+    EdgeLength,
+    Gliding,
+    NodeAxis,
+    OnCurve,
+    OnPlanes,
+    PanelArea,
+    PanelWidth,
+    PlanarPolyline,
+    Symmetry,
+    Within,
+    anchor,
+)
+from pqmesh.optimize.terms.sizes import Range
+from pqmesh.surface.reference import Reference
+from pqmesh.vectors import Floats, Indices, unit
+
+# A bound for the distance keeps back this share: it is met to first order, and the rest is for
+# the curvature of the surface within the last step.
+KEPT_BACK = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class _Wanted:
+    """A term that a constraint makes: its slack, the tolerance if hard, the blocks it needs."""
+
+    term: Term
+    slack: float = 0.0
+    tolerance: float = 1e-12
+    blocks: Mapping[str, Floats] = field(default_factory=dict)
+
+
+def constrained(
+    problem: Problem, mesh: QuadMesh, reference: Reference, constraints: asked.Constraints
+) -> Problem:
+    """A problem with constraints added.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its block `vertices` is the mesh.
+    mesh : QuadMesh
+        The start.
+    reference : Reference
+    constraints : Constraints
+
+    Returns
+    -------
+    Problem
+        With a goal, named as the constraint is, for each; hard fixed vertices as fixed rows.
+
+    Raises
+    ------
+    SpecError
+        For a selection that is empty or out of range, a symmetry that the start has not, and
+        constraints that contradict each other, named with the vertex or face and the distance.
+
+    Examples
+    --------
+    >>> from pqmesh.mesh.exact import rotational_mesh
+    >>> from pqmesh.optimize.constraints import Constraints, Level
+    >>> from pqmesh.optimize.recipes import problem_for
+    >>> from pqmesh.optimize.solver import solve
+    >>> from pqmesh.surface.reference import TriangleReference
+    >>> start = rotational_mesh([[2, 0.1], [2.4, 0.5], [2.5, 1.2]], [0, 0.3, 0.6, 0.9])
+    >>> surface = TriangleReference.of_polygons(start.vertices, start.faces.tolist())
+    >>> wanted = Constraints((Level((0, 1, 2, 3), 0.0),))
+    >>> problem = constrained(problem_for("planar", start, surface), start, surface, wanted)
+    >>> found = solve(problem, start)
+    >>> found.converged, bool(abs(found.blocks["vertices"][:4, 2]).max() < 1e-12)
+    (True, True)
+    """
+    fixed = np.zeros(mesh.topology.n_vertices, dtype=np.bool_)
+    fixed |= problem.fixed.get("vertices", False)
+    goals, blocks = list(problem.goals), dict(problem.blocks)
+    names = {goal.name for goal in goals}
+    for part in constraints.parts:
+        stay = _staying(part, mesh)
+        if part.hard:
+            fixed[stay] = True
+        wanted = list(_wanted(part, mesh, reference))
+        if len(stay) and not part.hard:
+            wanted.append(_Wanted(anchor(mesh, stay)))
+        for each in wanted:
+            name = _fresh(part.name, names)
+            names.add(name)
+            named = {_fresh(block, set(blocks)): rows for block, rows in each.blocks.items()}
+            term = _renamed(each.term, dict(zip(each.blocks, named, strict=True)))
+            blocks |= named
+            goals.append(Goal(name, term, part.weight, part.hard, each.tolerance, each.slack))
+    result = Problem(blocks, tuple(goals), {**problem.fixed, "vertices": fixed})
+    check_consistent(result, mesh)
+    return result
+
+
+def _fresh(name: str, taken: set[str]) -> str:
+    """A name, with a number behind it where it is taken."""
+    if name not in taken:
+        return name
+    number = 2
+    while f"{name} {number}" in taken:
+        number += 1
+    return f"{name} {number}"
+
+
+def _renamed(term: Term, names: Mapping[str, str]) -> Term:
+    """The term with its blocks of unknowns under other names."""
+    if all(old == new for old, new in names.items()):
+        return term
+    stencils = {names.get(block, block): rows for block, rows in term.stencils.items()}
+    return replace(term, stencils=stencils)  # type: ignore[type-var]
+
+
+def _staying(part: asked.Constraint, mesh: QuadMesh) -> Indices:
+    """Vertices that a constraint keeps where they are."""
+    if isinstance(part, asked.Fixed):
+        return selected(part.vertices, mesh)
+    if isinstance(part, asked.Corners):
+        return np.flatnonzero(boundary_corners(mesh, part.turn))
+    if isinstance(part, asked.Glide):
+        return _gliding(part, mesh)[1]
+    return np.empty(0, dtype=np.int64)
+
+
+def _gliding(part: asked.Glide, mesh: QuadMesh) -> tuple[Indices, Indices]:
+    """Vertices that glide, and corners of the boundary among those chosen."""
+    chosen = selected(part.vertices, mesh)
+    inside = chosen[~mesh.topology.is_boundary_vertex[chosen]]
+    if len(inside):
+        raise SpecError(
+            f"Only vertices of the boundary can glide on it; vertex {inside[0]} lies inside "
+            f"({len(inside)} such). Choose among the boundary."
+        )
+    corners = boundary_corners(mesh)[chosen]
+    return chosen[~corners], chosen[corners]
+
+
+# --- the goals of each constraint -----------------------------------------------------------
+
+
+@singledispatch
+def _wanted(part: asked.Constraint, mesh: QuadMesh, reference: Reference) -> list[_Wanted]:
+    """Terms of a constraint; none for those that only keep vertices where they are."""
+    return []
+
+
+@_wanted.register
+def _(part: asked.Glide, mesh: QuadMesh, reference: Reference) -> list[_Wanted]:
+    gliding, _ = _gliding(part, mesh)
+    return [_Wanted(Gliding.on(mesh, gliding))] if len(gliding) else []
+
+
+@_wanted.register
+def _(part: asked.Curve, mesh: QuadMesh, reference: Reference) -> list[_Wanted]:
+    return [_Wanted(OnCurve.on(mesh, selected(part.vertices, mesh), [np.array(part.curve)]))]
+
+
+@_wanted.register
+def _(part: asked.Plane, mesh: QuadMesh, reference: Reference) -> list[_Wanted]:
+    return [_Wanted(OnPlanes.on(mesh, selected(part.vertices, mesh), part.point, part.normal))]
+
+
+@_wanted.register
+def _(part: asked.Level, mesh: QuadMesh, reference: Reference) -> list[_Wanted]:
+    point = (0.0, 0.0, part.height)
+    return [_Wanted(OnPlanes.on(mesh, selected(part.vertices, mesh), point, (0.0, 0.0, 1.0)))]
+
+
+@_wanted.register
+def _(part: asked.Mirror, mesh: QuadMesh, reference: Reference) -> list[_Wanted]:
+    normal = unit(np.array(part.normal))
+    return _symmetric(part, mesh, reflection(part.normal), 2, [normal])
+
+
+@_wanted.register
+def _(part: asked.Rotation, mesh: QuadMesh, reference: Reference) -> list[_Wanted]:
+    matrix = rotation(part.direction, part.order)
+    # Two directions across the axis: vertices on it lie in both planes.
+    across = np.linalg.svd(np.array([part.direction]))[2][1:]
+    return _symmetric(part, mesh, matrix, part.order, list(across))
+
+
+def _symmetric(
+    part: asked.Mirror | asked.Rotation,
+    mesh: QuadMesh,
+    matrix: Floats,
+    order: int,
+    across: list[Floats],
+) -> list[_Wanted]:
+    """Partners onto each other, and those that are their own into the planes that stay."""
+    point = np.array(part.point)
+    tolerance = part.tolerance * mesh.mean_edge_length
+    found = partners(mesh, matrix, point, order, tolerance, part.name)
+    wanted = []
+    if len(found.pairs):
+        wanted.append(_Wanted(Symmetry.on(mesh, found.pairs, matrix, point)))
+    if len(found.own):
+        wanted += [_Wanted(OnPlanes.on(mesh, found.own, point, normal)) for normal in across]
+    return wanted
+
+
+@_wanted.register
+def _(part: asked.Axis, mesh: QuadMesh, reference: Reference) -> list[_Wanted]:
+    chosen = selected(part.vertices, mesh)
+    return [_Wanted(NodeAxis.on(mesh, chosen, part.direction), tolerance=1e-11)]
+
+
+@_wanted.register
+def _(part: asked.EdgeLengths, mesh: QuadMesh, reference: Reference) -> list[_Wanted]:
+    edges = _between(mesh.edges, selected(part.vertices, mesh), mesh, "edge")
+    unit_length = 1.0 if part.relative else mesh.mean_edge_length
+    bounds = Range.of(part.least, part.most, unit_length)
+    term = EdgeLength.on(mesh, bounds, edges, relative=part.relative)
+    return [_Wanted(term, bounds.slack)]
+
+
+@_wanted.register
+def _(part: asked.PanelSizes, mesh: QuadMesh, reference: Reference) -> list[_Wanted]:
+    faces = _between(mesh.faces, selected(part.vertices, mesh), mesh, "face")
+    length = mesh.mean_edge_length
+    if part.measure == "width":
+        bounds = Range.of(part.least, part.most, length)
+        return [_Wanted(PanelWidth.on(mesh, bounds, faces), bounds.slack)]
+    bounds = Range.of(part.least, part.most, length**2)
+    return [_Wanted(PanelArea.on(mesh, bounds, faces), bounds.slack)]
+
+
+@_wanted.register
+def _(part: asked.Within, mesh: QuadMesh, reference: Reference) -> list[_Wanted]:
+    slack = (1.0 - KEPT_BACK) * part.distance / mesh.mean_edge_length
+    return [_Wanted(Within.on(mesh, reference), slack)]
+
+
+@_wanted.register
+def _(part: asked.FlatPolylines, mesh: QuadMesh, reference: Reference) -> list[_Wanted]:
+    chains = _chains(part, mesh)
+    blocks = {"planes": PlanarPolyline.start_planes(mesh, chains)}
+    return [_Wanted(PlanarPolyline.on(mesh, chains), tolerance=1e-11, blocks=blocks)]
+
+
+def _between(rows: Indices, vertices: Indices, mesh: QuadMesh, name: str) -> Indices:
+    """Numbers of the edges or faces all of whose vertices are chosen."""
+    chosen = np.zeros(mesh.topology.n_vertices, dtype=np.bool_)
+    chosen[vertices] = True
+    found = np.flatnonzero(chosen[rows].all(axis=1))
+    if not len(found):
+        raise SpecError(
+            f"A range of sizes must act on something; no {name} has all its vertices among the "
+            f"{len(vertices)} chosen ones. Choose more."
+        )
+    return found
+
+
+def _chains(part: asked.FlatPolylines, mesh: QuadMesh) -> list[Indices]:
+    """Polylines of at least four different vertices that are to be flat."""
+    if not isinstance(part.polylines, str):
+        rows = [np.array(chain, dtype=np.int64) for chain in part.polylines]
+        for chain in rows:
+            selected(tuple(chain.tolist()), mesh)
+        return rows
+    polylines = mesh.topology.polylines
+    if part.through is not None:
+        points = np.array(part.through)
+        middles = np.concatenate(
+            [0.5 * (mesh.vertices[chain[1:]] + mesh.vertices[chain[:-1]]) for chain in polylines]
+        )
+        owner = np.repeat(np.arange(len(polylines)), [len(chain) - 1 for chain in polylines])
+        gaps = ((points[:, None] - middles) ** 2).sum(axis=2)
+        polylines = [polylines[k] for k in np.unique(owner[gaps.argmin(axis=1)])]
+    elif part.polylines == "boundary":
+        boundary = mesh.topology.is_boundary_vertex
+        edge = {tuple(pair) for pair in mesh.edges[mesh.topology.is_boundary_edge].tolist()}
+        polylines = [
+            chain
+            for chain in polylines
+            if boundary[chain].all() and tuple(sorted(chain[:2].tolist())) in edge
+        ]
+    long = [chain for chain in polylines if len(np.unique(chain)) > 3]
+    if not long:
+        raise SpecError(
+            "Flat polylines must be at least one of more than three vertices; found none. Choose "
+            "others, or leave the constraint out."
+        )
+    return long

@@ -1,0 +1,354 @@
+"""What a designer asks of a mesh beside its kind: values, each checked by itself."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+import numpy as np
+
+from pqmesh.errors import SpecError
+from pqmesh.optimize.selection import (
+    CORNER_TURN,
+    Selection,
+    as_where,
+    finite_points,
+    frozen_points,
+    whole_numbers,
+)
+
+MEASURES = ("width", "area")
+# A vertex counts as the partner of another within this share of the mean edge.
+PARTNER = 0.1
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """What all constraints have.
+
+    Attributes
+    ----------
+    hard : bool
+        Hard ones are met to rounding error, soft ones as well as these allow.
+    weight : float
+        On the mean square of residuals in mean edges (or radians): no unit.
+
+    Raises
+    ------
+    SpecError
+        When the weight is not a finite number above 0, or a value is out of range.
+    """
+
+    _: KW_ONLY
+    hard: bool = True
+    weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        _above_zero(self.weight, f"The weight of a constraint ({self.name})")
+
+    @property
+    def name(self) -> str:
+        """Word for messages and reports."""
+        return _NAMES[type(self)]
+
+
+@dataclass(frozen=True)
+class _OnVertices(Constraint):
+    """A constraint of chosen vertices."""
+
+    vertices: Selection
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "vertices", as_where(self.vertices))
+
+
+@dataclass(frozen=True)
+class Fixed(_OnVertices):
+    """Vertices stay where they are."""
+
+
+@dataclass(frozen=True)
+class Corners(Constraint):
+    """Corners of the boundary, where it turns by more than an angle in radians, stay."""
+
+    turn: float = CORNER_TURN
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 <= self.turn < math.pi:
+            raise SpecError(
+                f"The turn of a corner must be an angle from 0 to below 180 degrees; found "
+                f"{math.degrees(self.turn):g}. Mend it."
+            )
+
+
+@dataclass(frozen=True)
+class Glide(_OnVertices):
+    """Boundary vertices move along the boundary curve of the start; its corners stay."""
+
+    vertices: Selection = "boundary"
+
+
+@dataclass(frozen=True)
+class Curve(_OnVertices):
+    """Vertices lie on a polyline (n, 3), closed where its ends coincide; model unit."""
+
+    curve: Any
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        points = finite_points(self.curve, "A curve for vertices", least=2)
+        if (np.abs(np.diff(points, axis=0)).max(axis=1) == 0).any():
+            raise SpecError(
+                "The points of a curve must differ from one to the next; found two equal ones. "
+                "Leave one out."
+            )
+        object.__setattr__(self, "curve", frozen_points(points))
+
+
+@dataclass(frozen=True)
+class Plane(_OnVertices):
+    """Vertices lie in a plane."""
+
+    point: Any
+    normal: Any
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _set_point(self, "point", "The point of a plane")
+        _set_direction(self, "normal", "The normal of a plane")
+
+
+@dataclass(frozen=True)
+class Level(_OnVertices):
+    """Vertices lie at a height z."""
+
+    height: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not math.isfinite(self.height):
+            raise SpecError(f"The height of a level must be finite; found {self.height}. Mend it.")
+
+
+@dataclass(frozen=True)
+class Mirror(Constraint):
+    """The mesh is its own mirror image in a plane.
+
+    Partners are found at the start, within a share `tolerance` of the mean edge.
+    """
+
+    point: Any
+    normal: Any
+    tolerance: float = PARTNER
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _set_point(self, "point", "The point of a mirror")
+        _set_direction(self, "normal", "The normal of a mirror")
+        _above_zero(self.tolerance, "The tolerance of a mirror")
+
+
+@dataclass(frozen=True)
+class Rotation(Constraint):
+    """The mesh is its own image under a rotation by a full turn over `order`."""
+
+    point: Any
+    direction: Any
+    order: int
+    tolerance: float = PARTNER
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _set_point(self, "point", "The point of a rotation")
+        _set_direction(self, "direction", "The direction of a rotation")
+        _above_zero(self.tolerance, "The tolerance of a rotation")
+        if isinstance(self.order, bool) or not isinstance(self.order, int) or self.order < 2:
+            raise SpecError(
+                f"The order of a rotation must be a whole number, at least 2; found "
+                f"{self.order!r}. Mend it."
+            )
+
+
+@dataclass(frozen=True)
+class Axis(_OnVertices):
+    """The faces at a vertex touch a cone about a given direction: the node's axis."""
+
+    direction: Any
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _set_direction(self, "direction", "An axis of nodes")
+
+
+@dataclass(frozen=True)
+class _Sized(Constraint):
+    """Bounds for a size."""
+
+    least: float | None = None
+    most: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.least is None and self.most is None:
+            raise SpecError(f"{self.name}: a range needs least or most; found neither. Give one.")
+        for value in (self.least, self.most):
+            if value is not None:
+                _above_zero(value, f"A bound of {self.name}")
+        if self.least is not None and self.most is not None and self.least > self.most:
+            raise SpecError(
+                f"{self.name}: least must not exceed most; found {self.least:g} and "
+                f"{self.most:g}. Exchange them, or widen the range."
+            )
+
+
+@dataclass(frozen=True)
+class EdgeLengths(_Sized):
+    """Edges between chosen vertices have a length in a range.
+
+    Attributes
+    ----------
+    least, most : float, optional
+        Model unit; shares of each edge's own start length where `relative`.
+    """
+
+    vertices: Selection = "all"
+    relative: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "vertices", as_where(self.vertices))
+
+
+@dataclass(frozen=True)
+class PanelSizes(_Sized):
+    """Panels between chosen vertices have a size in a range.
+
+    Attributes
+    ----------
+    measure : 'width' (both means of opposite edges, model unit) or 'area' (model unit squared)
+    """
+
+    measure: str = "width"
+    vertices: Selection = "all"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "vertices", as_where(self.vertices))
+        if self.measure not in MEASURES:
+            raise SpecError(
+                f"The measure of panels must be one of {', '.join(MEASURES)}; found "
+                f"{self.measure!r}. Choose one."
+            )
+
+
+@dataclass(frozen=True)
+class Within(Constraint):
+    """Every vertex stays within a distance of the reference surface, model unit."""
+
+    distance: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _above_zero(self.distance, "The distance from the surface")
+        if not self.hard:
+            raise SpecError(
+                "A distance from the surface is a bound, so it is hard; found hard = false. Leave "
+                "it out: closeness is a soft goal of every problem."
+            )
+
+
+@dataclass(frozen=True)
+class FlatPolylines(Constraint):
+    """Polylines of the mesh, each in a plane of its own: beams cut from one plate.
+
+    Attributes
+    ----------
+    polylines : 'all', 'boundary' or lists of vertices
+        All polylines of the mesh, those along the boundary, or given chains of at least four
+        different vertices.
+    through : points (n, 3), optional
+        Instead: the polylines of the mesh that pass nearest to these points.
+    """
+
+    polylines: Any = "all"
+    through: Any = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.through is not None:
+            points = finite_points(self.through, "Points on polylines")
+            object.__setattr__(self, "through", frozen_points(points))
+        if isinstance(self.polylines, str):
+            if self.polylines not in ("all", "boundary"):
+                raise SpecError(
+                    f"Polylines must be 'all', 'boundary' or lists of vertices; found "
+                    f"{self.polylines!r}. Choose one."
+                )
+            return
+        chains = tuple(whole_numbers(row, "vertices") for row in self.polylines)
+        short = [chain for chain in chains if len(set(chain)) < 4]
+        if short or not chains:
+            raise SpecError(
+                f"A polyline to be flat must have at least four different vertices; found "
+                f"{list(short[0]) if short else 'none'}. Three points always lie in a plane."
+            )
+        object.__setattr__(self, "polylines", chains)
+
+
+_NAMES: dict[type, str] = {
+    Fixed: "fixed",
+    Corners: "corners",
+    Glide: "glide",
+    Curve: "curve",
+    Plane: "plane",
+    Level: "level",
+    Mirror: "mirror",
+    Rotation: "rotation",
+    Axis: "axis",
+    EdgeLengths: "edge lengths",
+    PanelSizes: "panel sizes",
+    Within: "within",
+    FlatPolylines: "flat polylines",
+}
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """Constraints of one mesh, in any order.
+
+    Examples
+    --------
+    >>> wanted = Constraints((Level("corners", 0.0), Mirror((0, 0, 0), (1, 0, 0))))
+    >>> [part.name for part in wanted.parts]
+    ['level', 'mirror']
+    """
+
+    parts: tuple[Constraint, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parts", tuple(self.parts))
+        for part in self.parts:
+            if type(part) not in _NAMES:
+                raise SpecError(
+                    f"A constraint must be one of {', '.join(t.__name__ for t in _NAMES)}; found "
+                    f"{type(part).__name__}. Use one of them."
+                )
+
+
+def _above_zero(value: float, name: str) -> None:
+    if not 0 < value < math.inf:
+        raise SpecError(f"{name} must be a finite number above 0; found {value:g}. Mend it.")
+
+
+def _set_point(part: Constraint, key: str, name: str) -> None:
+    points = finite_points([getattr(part, key)], name)
+    object.__setattr__(part, key, frozen_points(points)[0])
+
+
+def _set_direction(part: Constraint, key: str, name: str) -> None:
+    _set_point(part, key, name)
+    if not any(getattr(part, key)):
+        raise SpecError(f"{name} must have a length above 0; found (0, 0, 0). Give a direction.")

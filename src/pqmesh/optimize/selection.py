@@ -1,0 +1,228 @@
+"""Which vertices a constraint means: by number, by their place in the mesh or in space."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pqmesh.errors import SpecError
+from pqmesh.mesh.quadmesh import PolyMesh
+from pqmesh.optimize.polylines import Polylines
+from pqmesh.vectors import Floats, Indices, Mask, cross, dot, norm
+
+# A boundary vertex whose edges turn by more than this is a corner.
+CORNER_TURN = float(np.radians(30.0))
+GROUPS = ("all", "boundary", "inside", "corners")
+
+
+@dataclass(frozen=True)
+class Where:
+    """Vertices of a group for which all that is said of their place holds.
+
+    Attributes
+    ----------
+    among : 'all', 'boundary', 'inside' (not on the boundary), 'corners', or numbers of vertices
+    box : two points of 3 coordinates, optional
+        Lowest and highest corner of a box, model unit.
+    level : float, optional
+        Height z that they lie within `distance` of.
+    curve : points (n, 3), optional
+        Polyline that they lie within `distance` of.
+    distance : float, optional, model unit
+
+    Raises
+    ------
+    SpecError
+        For an unknown group, a box turned over, a place that is not finite, or a level or curve
+        without a distance above 0.
+
+    Examples
+    --------
+    >>> from pqmesh.mesh.solids import cube
+    >>> selected(Where(level=1.0, distance=0.1), cube()).tolist()
+    [0, 2, 4, 6]
+    """
+
+    among: str | tuple[int, ...] = "all"
+    box: Any = None
+    level: float | None = None
+    curve: Any = None
+    distance: float | None = None
+
+    def __post_init__(self) -> None:
+        if isinstance(self.among, str):
+            if self.among not in GROUPS:
+                raise SpecError(
+                    f"A group of vertices must be one of {', '.join(GROUPS)}; found "
+                    f"{self.among!r}. Choose one."
+                )
+        else:
+            object.__setattr__(self, "among", whole_numbers(self.among, "vertices"))
+        if self.box is not None:
+            box = finite_points(self.box, "A box", least=2)
+            if len(box) != 2 or not (box[0] <= box[1]).all():
+                raise SpecError(
+                    f"A box must be its lowest and its highest corner; found {box.tolist()}. "
+                    f"Give the smaller coordinates first."
+                )
+            object.__setattr__(self, "box", frozen_points(box))
+        if self.curve is not None:
+            curve = finite_points(self.curve, "A curve to select by", least=2)
+            object.__setattr__(self, "curve", frozen_points(curve))
+        if self.level is not None and not math.isfinite(self.level):
+            raise SpecError(f"A level must be finite; found {self.level}. Mend it.")
+        near = self.level is not None or self.curve is not None
+        if near != (self.distance is not None) or not 0 < (self.distance or 1.0) < math.inf:
+            raise SpecError(
+                f"A distance above 0 belongs to a level or a curve to select by, and to nothing "
+                f"else; found {self.distance} with level {self.level} and "
+                f"{'a' if self.curve else 'no'} curve. Give both, or leave both out."
+            )
+
+
+# What a constraint takes for vertices.
+Selection: TypeAlias = str | Sequence[int] | Where
+
+
+def as_where(selection: Selection) -> Where:
+    """A selection in its full form."""
+    if isinstance(selection, Where):
+        return selection
+    if isinstance(selection, str):
+        return Where(selection)
+    return Where(tuple(selection))
+
+
+def selected(selection: Selection, mesh: PolyMesh) -> Indices:
+    """Numbers of the vertices of a mesh that a selection means, rising.
+
+    Parameters
+    ----------
+    selection : 'all', 'boundary', 'inside', 'corners', numbers of vertices, or Where
+    mesh : PolyMesh
+
+    Raises
+    ------
+    SpecError
+        When a number is out of range, or nothing is selected.
+
+    Examples
+    --------
+    >>> from pqmesh.mesh.exact import rotational_mesh
+    >>> grid = rotational_mesh([[2, 0], [2.1, 1], [2, 2]], [0, 0.3, 0.6])
+    >>> selected("corners", grid).tolist(), selected("inside", grid).tolist()
+    ([0, 2, 6, 8], [4])
+    """
+    where, count = as_where(selection), mesh.topology.n_vertices
+    chosen = _among(where, mesh)
+    points = mesh.vertices
+    if where.box is not None:
+        low, high = np.asarray(where.box)
+        chosen &= ((points >= low) & (points <= high)).all(axis=1)
+    if where.level is not None:
+        chosen &= np.abs(points[:, 2] - where.level) <= where.distance
+    if where.curve is not None:
+        lines = Polylines.of([np.asarray(where.curve)])
+        chosen &= lines.gaps(points, lines.nearest(points)) <= where.distance
+    found = np.flatnonzero(chosen)
+    if not len(found):
+        raise SpecError(
+            f"A constraint must act on something; none of the {count} vertices is {_said(where)}. "
+            f"Widen the selection, or leave the constraint out."
+        )
+    return found
+
+
+def _among(where: Where, mesh: PolyMesh) -> Mask:
+    """Vertices (V,) of the group or of the numbers."""
+    boundary, count = mesh.topology.is_boundary_vertex, mesh.topology.n_vertices
+    if where.among == "all":
+        return np.ones(count, dtype=np.bool_)
+    if where.among == "boundary":
+        return boundary.copy()
+    if where.among == "inside":
+        return ~boundary
+    if where.among == "corners":
+        return boundary_corners(mesh)
+    rows = np.array(where.among, dtype=np.int64)
+    outside = rows[(rows < 0) | (rows >= count)]
+    if len(outside):
+        raise SpecError(
+            f"Vertices must be numbered 0..{count - 1}; a constraint names {outside[0]}. (Vertices "
+            f"count from 0.) Mend the number."
+        )
+    chosen = np.zeros(count, dtype=np.bool_)
+    chosen[rows] = True
+    return chosen
+
+
+def _said(where: Where) -> str:
+    """A selection in words."""
+    words = [f"of the group {where.among!r}" if isinstance(where.among, str) else "one of those"]
+    if where.box is not None:
+        words.append(f"in the box {np.asarray(where.box).tolist()}")
+    if where.level is not None:
+        words.append(f"within {where.distance:g} of the level {where.level:g}")
+    if where.curve is not None:
+        words.append(f"within {where.distance:g} of the curve")
+    return " and ".join(words)
+
+
+def boundary_corners(mesh: PolyMesh, turn: float = CORNER_TURN) -> Mask:
+    """Boundary vertices at which the boundary turns by more than an angle, shape (V,).
+
+    Parameters
+    ----------
+    mesh : PolyMesh
+    turn : float, radians
+    """
+    corners = np.zeros(mesh.topology.n_vertices, dtype=np.bool_)
+    for loop in mesh.topology.boundary_loops:
+        points = mesh.vertices[loop]
+        ahead, behind = np.roll(points, -1, axis=0) - points, points - np.roll(points, 1, axis=0)
+        corners[loop[np.arctan2(norm(cross(behind, ahead)), dot(behind, ahead)) > turn]] = True
+    return corners
+
+
+# --- values that a user gives ---------------------------------------------------------------
+
+
+def whole_numbers(values: Any, name: str) -> tuple[int, ...]:
+    """A non-empty tuple of whole numbers."""
+    numbers = np.asarray(list(values))
+    if not numbers.size or numbers.ndim != 1 or not np.issubdtype(numbers.dtype, np.integer):
+        raise SpecError(
+            f"A list of {name} must be whole numbers, at least one; found {list(values)!r:.80}. "
+            f"Mend it."
+        )
+    return tuple(numbers.tolist())
+
+
+def finite_points(values: ArrayLike, name: str, least: int = 1) -> Floats:
+    """Points (n, 3), finite, at least so many."""
+    try:
+        points = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        points = np.empty(0)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < least:
+        raise SpecError(
+            f"{name} must be at least {least} points of 3 coordinates; found {values!r:.80}. "
+            f"Write [x, y, z] for each."
+        )
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if len(bad):
+        raise SpecError(
+            f"{name} must have finite coordinates; point {bad[0]} is {points[bad[0]].tolist()}. "
+            f"Mend it."
+        )
+    return points
+
+
+def frozen_points(points: Floats) -> tuple[tuple[float, ...], ...]:
+    """Points as a value that compares and never changes."""
+    return tuple(map(tuple, points.tolist()))
