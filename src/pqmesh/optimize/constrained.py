@@ -32,10 +32,6 @@ from pqmesh.optimize.terms.sizes import Range
 from pqmesh.surface.reference import Reference
 from pqmesh.vectors import Floats, Indices, unit
 
-# A bound for the distance keeps back this share: it is met to first order, and the rest is for
-# the curvature of the surface within the last step.
-KEPT_BACK = 0.005
-
 
 @dataclass(frozen=True, eq=False)
 class _Wanted:
@@ -244,8 +240,8 @@ def _(part: asked.PanelSizes, mesh: QuadMesh, reference: Reference) -> list[_Wan
 
 @_wanted.register
 def _(part: asked.Within, mesh: QuadMesh, reference: Reference) -> list[_Wanted]:
-    slack = (1.0 - KEPT_BACK) * part.distance / mesh.mean_edge_length
-    return [_Wanted(Within.on(mesh, reference), slack)]
+    term = Within.on(mesh, reference, part.distance)
+    return [_Wanted(term, part.distance / mesh.mean_edge_length)]
 
 
 @_wanted.register

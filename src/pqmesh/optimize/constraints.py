@@ -20,7 +20,7 @@ from pqmesh.optimize.selection import (
 
 MEASURES = ("width", "area")
 # A vertex counts as the partner of another within this share of the mean edge.
-PARTNER = 0.1
+PARTNER = 0.25
 
 
 @dataclass(frozen=True)

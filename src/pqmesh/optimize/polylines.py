@@ -84,7 +84,8 @@ class Polylines:
         while len(rows):
             still = []
             for part in np.array_split(rows, -(-len(rows) * count // MOST_PAIRS)):
-                distance, near = tree.query(points[part], k=np.arange(1, count + 1))
+                query = tree.query(points[part], k=count)
+                distance, near = (np.asarray(each).reshape(-1, count) for each in query)
                 candidates = np.sort(owner[near], axis=1)
                 pairs = np.repeat(points[part], count, axis=0)
                 gaps = self.gaps(pairs, candidates.ravel()).reshape(-1, count)

@@ -12,6 +12,9 @@ import numpy as np
 from pqmesh.errors import MeshError, SpecError
 from pqmesh.vectors import Floats, Indices, Mask
 
+# An inequality is brought into its slack by no more than this, in the unit of its residual.
+MOST_ROOM = 1e-3
+
 # Unknowns by name: rows of 3-vectors, e.g. "vertices" (V, 3) and "axes" (n, 3).
 Blocks = Mapping[str, Floats]
 
@@ -95,7 +98,7 @@ class Goal:
         """What of each residual lies beyond the slack, or beyond a share of it."""
         if self.slack == 0.0:
             return residual
-        room = share * self.slack
+        room = max(share * self.slack, self.slack - MOST_ROOM)
         return np.asarray(residual - np.clip(residual, -room, room))
 
 

@@ -124,11 +124,12 @@ def selected(selection: Selection, mesh: PolyMesh) -> Indices:
     if where.box is not None:
         low, high = np.asarray(where.box)
         chosen &= ((points >= low) & (points <= high)).all(axis=1)
+    distance = where.distance or 0.0
     if where.level is not None:
-        chosen &= np.abs(points[:, 2] - where.level) <= where.distance
+        chosen &= np.abs(points[:, 2] - where.level) <= distance
     if where.curve is not None:
         lines = Polylines.of([np.asarray(where.curve)])
-        chosen &= lines.gaps(points, lines.nearest(points)) <= where.distance
+        chosen &= lines.gaps(points, lines.nearest(points)) <= distance
     found = np.flatnonzero(chosen)
     if not len(found):
         raise SpecError(

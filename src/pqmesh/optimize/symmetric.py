@@ -30,14 +30,15 @@ class Partners(NamedTuple):
 def reflection(normal: tuple[float, ...]) -> Floats:
     """Matrix (3, 3) of the reflection in the plane across a direction."""
     n = unit(np.asarray(normal))
-    return np.eye(3) - 2.0 * np.outer(n, n)
+    return np.asarray(np.eye(3) - 2.0 * np.outer(n, n))
 
 
 def rotation(direction: tuple[float, ...], order: int) -> Floats:
     """Matrix (3, 3) of the rotation about a direction by a full turn over the order."""
     d, angle = unit(np.asarray(direction)), 2.0 * np.pi / order
     across = np.array([[0.0, -d[2], d[1]], [d[2], 0.0, -d[0]], [-d[1], d[0], 0.0]])
-    return np.eye(3) + np.sin(angle) * across + (1.0 - np.cos(angle)) * across @ across
+    turned = np.eye(3) + np.sin(angle) * across + (1.0 - np.cos(angle)) * across @ across
+    return np.asarray(turned)
 
 
 def partners(
@@ -66,7 +67,7 @@ def partners(
         image, and where partners do not close after `order` steps.
     """
     images = point + (mesh.vertices - point) @ matrix.T
-    gaps, image = cKDTree(mesh.vertices).query(images)
+    gaps, image = map(np.asarray, cKDTree(mesh.vertices).query(images))
     lost = np.flatnonzero(gaps > tolerance)
     if len(lost):
         vertex = int(lost[0])
@@ -76,7 +77,6 @@ def partners(
             f"{gaps[vertex]:.4g} away ({len(lost)} such vertices, {tolerance:.4g} is allowed). "
             f"Check plane or axis, or raise the tolerance."
         )
-    image = np.asarray(image, dtype=np.int64)
     count = np.bincount(image, minlength=len(image))
     if (count > 1).any():
         shared = int(np.flatnonzero(count > 1)[0])

@@ -63,7 +63,7 @@ class NodeAxis:
         return (value - other)[:, None], jacobian[:, None]
 
     def _along(self, p: Floats, q: Floats) -> tuple[Floats, Floats, Floats]:
-        """n . a of faces with diagonals p, q, and its gradients with respect to them."""
+        """Products n . a of faces with diagonals p, q, and its gradients with respect to them."""
         area = cross(p, q)
         length = np.maximum(norm(area), TINY)[:, None]
         normal = area / length

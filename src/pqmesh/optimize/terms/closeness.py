@@ -13,8 +13,8 @@ from pqmesh.optimize.problem import Blocks
 from pqmesh.surface.reference import Reference
 from pqmesh.vectors import Floats, Indices, dot, norm, unit
 
-# Below this share of the mean edge the way from a foot point is rounding.
-SAME = 1e-9
+# Vertices nearer than this share of a bound to their last foot point are left alone.
+WELL_WITHIN = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,37 +50,44 @@ class Closeness:
 
 @dataclass(frozen=True, eq=False)
 class Within:
-    """Distance of vertices to a surface, over the mean edge, to be bounded by a slack.
+    """Distance of vertices to a surface, over the mean edge, to be bounded.
 
-    To first order: along the way from the foot point to the vertex, which beyond the rim of the
-    surface is not its normal. A vertex on the surface has no such way and takes the normal; an
-    inequality asks nothing of it there.
+    The true distance, not that to a tangent plane: beyond the rim of the surface, and where a
+    vertex slides along, the bound holds all the same. Foot points are sought anew only where the
+    last one is not near enough to show that the vertex is well within.
+
+    Attributes
+    ----------
+    feet : (V, 3)
+        Foot points of the vertices at the last refresh.
+    distance : float, model unit
+        The bound; residuals well below it may be larger than the distance is.
     """
 
     stencils: Mapping[str, Indices]
     reference: Reference
     feet: Floats
-    ways: Floats
+    distance: float
     length: float
 
     @classmethod
-    def on(cls, mesh: QuadMesh, reference: Reference) -> Self:
+    def on(cls, mesh: QuadMesh, reference: Reference, distance: float) -> Self:
         """One element for each vertex."""
         rows = np.arange(mesh.topology.n_vertices)[:, None]
-        nothing = np.zeros_like(mesh.vertices)
-        term = cls({"vertices": rows}, reference, nothing, nothing, mesh.mean_edge_length)
-        return term.refreshed({"vertices": mesh.vertices})
+        feet, _, reference = reference.closest(mesh.vertices)
+        return cls({"vertices": rows}, reference, feet, distance, mesh.mean_edge_length)
 
     def evaluate(self, rows: Floats) -> tuple[Floats, Floats]:
-        """Residuals (n, 1) and Jacobian (n, 1, 1, 3)."""
-        distance = dot(rows[:, 0] - self.feet, self.ways)
-        return distance[:, None] / self.length, self.ways[:, None, None] / self.length
+        """Residuals (V, 1) and Jacobian (V, 1, 1, 3)."""
+        points, feet = rows[:, 0], self.feet
+        near = norm(points - feet) <= WELL_WITHIN * self.distance
+        if not near.all():
+            found, _, _ = self.reference.closest(points)
+            feet = np.where(near[:, None], feet, found)
+        away = points - feet
+        return norm(away)[:, None] / self.length, unit(away)[:, None, None] / self.length
 
     def refreshed(self, blocks: Blocks) -> Self:
         """The term with the foot points of the current vertices."""
-        points = blocks["vertices"]
-        feet, normals, reference = self.reference.closest(points)
-        away = points - feet
-        clear = norm(away) > SAME * self.length
-        ways = np.where(clear[:, None], unit(away), normals)
-        return replace(self, reference=reference, feet=feet, ways=ways)
+        feet, _, reference = self.reference.closest(blocks["vertices"])
+        return replace(self, reference=reference, feet=feet)
