@@ -49,6 +49,7 @@ from pqmesh.errors import PqmeshError, SpecError
 if TYPE_CHECKING:
     from pqmesh.design import Design
     from pqmesh.mesh.quadmesh import QuadMesh
+    from pqmesh.optimize.constraints import Constraints
     from pqmesh.optimize.solver import Solution, Step
     from pqmesh.results import Roof
     from pqmesh.source import Source
@@ -283,21 +284,27 @@ def optimize(
     ] = None,
     boundary: Annotated[Boundary, typer.Option(help="What the rim may do.")] = Boundary.free,
     within: Annotated[float | None, typer.Option(help="Stay this close to the surface.")] = None,
+    constraints: Annotated[
+        Path | None, typer.Option(help="What else is asked of the mesh.", metavar="FILE.toml")
+    ] = None,
     tolerance: Annotated[float, typer.Option(help="Planarity that counts as reached.")] = 1e-9,
     report: Annotated[Path | None, typer.Option(help="Report file to write, JSON.")] = None,
 ) -> None:
     """Move the vertices of a quad mesh as little as makes it planar, conical or circular."""
+    from pqmesh.design import read_constraints
+    from pqmesh.optimize.constrained import constraint_miss
     from pqmesh.report import optimization_report
 
     _positive("--tolerance", tolerance)
     _positive("--within", within)
     check_outputs(output, report)
+    wanted = None if constraints is None else read_constraints(constraints)
     start = read_to_move(mesh)
     target = reference_of(reference, start)
     with progress() as tell:
         tell("optimize", None)
         solution = _optimized(
-            kind, start, target, boundary, within, lambda step: tell("optimize", step)
+            kind, start, target, boundary, within, wanted, lambda step: tell("optimize", step)
         )
     moved = start.with_vertices(solution.blocks["vertices"])
     found = optimization_report(
@@ -310,6 +317,7 @@ def optimize(
         units="",
         flat=tolerance,
         within=within,
+        missed=constraint_miss(start, target, wanted, solution),
     )
     write_moved(moved, found, output, report)
     raise typer.Exit(OK if reached(optimized_summary(found), found) else NOT_REACHED)
@@ -425,6 +433,7 @@ def _optimized(
     target: Reference,
     boundary: Boundary,
     within: float | None,
+    constraints: Constraints | None,
     told: Callable[[Step], None],
 ) -> Solution:
     """The optimisation of a kind."""
@@ -432,11 +441,19 @@ def _optimized(
     from pqmesh.optimize.schedule import optimized
 
     if kind is not Kind.edge_offset:
-        return optimized(kind, start, target, boundary=boundary, within=within, progress=told)
-    if boundary is not Boundary.free:
+        return optimized(
+            kind,
+            start,
+            target,
+            boundary=boundary,
+            within=within,
+            constraints=constraints,
+            progress=told,
+        )
+    if boundary is not Boundary.free or constraints is not None:
+        found = "--constraints" if constraints is not None else f"--boundary {boundary}"
         raise SpecError(
-            f"--kind edge-offset fits a mesh with a free boundary; found --boundary {boundary}. "
-            f"Leave it out."
+            f"--kind edge-offset fits a mesh with a free boundary; found {found}. Leave it out."
         )
     return edge_offset_solution(start, target, start.vertex_normals, told)[0]
 

@@ -21,6 +21,7 @@ from pqmesh.network.principal import Inside
 from pqmesh.network.region import PlanOutline, region_samples
 from pqmesh.offset.offsets import Layer
 from pqmesh.offset.support import SupportStructure
+from pqmesh.optimize.constrained import constraint_miss
 from pqmesh.optimize.solver import Solution
 from pqmesh.report_mesh import SCHEMA, all_measures, judged, mesh_counts
 from pqmesh.report_words import roof_warnings
@@ -31,6 +32,8 @@ from pqmesh.vectors import Floats, norm
 
 # A sampled point of the surface counts as covered within this share of the mean edge.
 COVERED = 0.05
+# Constraints are met within this share of the mean edge.
+CONSTRAINTS_MET = 1e-9
 
 
 def panelization_report(
@@ -79,6 +82,9 @@ def panelization_report(
         "warnings": [*notes, *result.notes, *roof_warnings(result, origin)],
     }
     report["tolerance"] = _tolerance(report, design.tolerances)
+    missed = constraint_miss(result.start, reference, result.spec.constraints, result.solution)
+    if missed is not None:
+        report["tolerance"].append(judged("constraints", CONSTRAINTS_MET, missed))
     return report
 
 
@@ -93,8 +99,12 @@ def optimization_report(
     units: str,
     flat: float,
     within: float | None = None,
+    missed: float | None = None,
 ) -> dict[str, Any]:
-    """Report of `optimize`: the same keys where they exist."""
+    """Report of `optimize`: the same keys where they exist.
+
+    `missed` is by how much constraints were missed, in mean edges; None without any.
+    """
     report: dict[str, Any] = {
         "schema": SCHEMA,
         "version": pqmesh.__version__,
@@ -120,6 +130,8 @@ def optimization_report(
         within = 0.05 * start.mean_edge_length if within is None else within
     if within is not None:
         asked["deviation"], reached["deviation"] = within, report["deviation"]["max"]
+    if missed is not None:
+        asked["constraints"], reached["constraints"] = CONSTRAINTS_MET, missed
     report["tolerance"] = [judged(key, asked[key], reached[key]) for key in asked]
     return report
 

@@ -12,8 +12,9 @@ from pqmesh.errors import SpecError
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.optimize import constraints as asked
 from pqmesh.optimize.conflicts import check_consistent
-from pqmesh.optimize.problem import Goal, Problem, Term
-from pqmesh.optimize.selection import boundary_corners, selected
+from pqmesh.optimize.ending import Solution
+from pqmesh.optimize.problem import Goal, Problem, Refreshing, Term, gathered
+from pqmesh.optimize.selection import boundary_corners, chosen_polylines, selected
 from pqmesh.optimize.symmetric import partners, reflection, rotation
 from pqmesh.optimize.terms import (
     EdgeLength,
@@ -104,6 +105,40 @@ def constrained(
     result = Problem(blocks, tuple(goals), {**problem.fixed, "vertices": fixed})
     check_consistent(result, mesh)
     return result
+
+
+def constraint_miss(
+    start: QuadMesh,
+    reference: Reference,
+    constraints: asked.Constraints | None,
+    solution: Solution,
+) -> float | None:
+    """Largest residual of the hard constraints beyond their slack, in mean edges or radians.
+
+    Parameters
+    ----------
+    start : QuadMesh
+    reference : Reference
+    constraints : Constraints, optional
+    solution : Solution
+        Of a problem with these constraints, its vertices where the start's were.
+
+    Returns
+    -------
+    float, or None without constraints
+    """
+    if constraints is None:
+        return None
+    problem = constrained(Problem({"vertices": start.vertices}, ()), start, reference, constraints)
+    worst = 0.0
+    for goal in problem.goals:
+        if goal.hard:
+            term = goal.term
+            if isinstance(term, Refreshing):
+                term = term.refreshed(solution.blocks)
+            residual = goal.beyond(term.evaluate(gathered(term, solution.blocks))[0])
+            worst = max(worst, float(np.abs(residual).max(initial=0.0)))
+    return worst
 
 
 def _fresh(name: str, taken: set[str]) -> str:
@@ -246,7 +281,7 @@ def _(part: asked.Within, mesh: QuadMesh, reference: Reference) -> list[_Wanted]
 
 @_wanted.register
 def _(part: asked.FlatPolylines, mesh: QuadMesh, reference: Reference) -> list[_Wanted]:
-    chains = _chains(part, mesh)
+    chains = chosen_polylines(part.polylines, part.through, mesh)
     blocks = {"planes": PlanarPolyline.start_planes(mesh, chains)}
     return [_Wanted(PlanarPolyline.on(mesh, chains), tolerance=1e-11, blocks=blocks)]
 
@@ -262,36 +297,3 @@ def _between(rows: Indices, vertices: Indices, mesh: QuadMesh, name: str) -> Ind
             f"{len(vertices)} chosen ones. Choose more."
         )
     return found
-
-
-def _chains(part: asked.FlatPolylines, mesh: QuadMesh) -> list[Indices]:
-    """Polylines of at least four different vertices that are to be flat."""
-    if not isinstance(part.polylines, str):
-        rows = [np.array(chain, dtype=np.int64) for chain in part.polylines]
-        for chain in rows:
-            selected(tuple(chain.tolist()), mesh)
-        return rows
-    polylines = mesh.topology.polylines
-    if part.through is not None:
-        points = np.array(part.through)
-        middles = np.concatenate(
-            [0.5 * (mesh.vertices[chain[1:]] + mesh.vertices[chain[:-1]]) for chain in polylines]
-        )
-        owner = np.repeat(np.arange(len(polylines)), [len(chain) - 1 for chain in polylines])
-        gaps = ((points[:, None] - middles) ** 2).sum(axis=2)
-        polylines = [polylines[k] for k in np.unique(owner[gaps.argmin(axis=1)])]
-    elif part.polylines == "boundary":
-        boundary = mesh.topology.is_boundary_vertex
-        edge = {tuple(pair) for pair in mesh.edges[mesh.topology.is_boundary_edge].tolist()}
-        polylines = [
-            chain
-            for chain in polylines
-            if boundary[chain].all() and tuple(sorted(chain[:2].tolist())) in edge
-        ]
-    long = [chain for chain in polylines if len(np.unique(chain)) > 3]
-    if not long:
-        raise SpecError(
-            "Flat polylines must be at least one of more than three vertices; found none. Choose "
-            "others, or leave the constraint out."
-        )
-    return long

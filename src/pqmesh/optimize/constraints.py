@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from pqmesh.errors import SpecError
-from pqmesh.optimize.selection import (
-    CORNER_TURN,
-    Selection,
-    as_where,
+from pqmesh.optimize.given import (
+    above_zero,
+    direction,
+    finite_point,
     finite_points,
     frozen_points,
     whole_numbers,
 )
+from pqmesh.optimize.selection import CORNER_TURN, Selection, as_where
 
 MEASURES = ("width", "area")
 # A vertex counts as the partner of another within this share of the mean edge.
@@ -40,17 +41,13 @@ class Constraint:
         When the weight is not a finite number above 0, or a value is out of range.
     """
 
+    name: ClassVar[str]
     _: KW_ONLY
     hard: bool = True
     weight: float = 1.0
 
     def __post_init__(self) -> None:
-        _above_zero(self.weight, f"The weight of a constraint ({self.name})")
-
-    @property
-    def name(self) -> str:
-        """Word for messages and reports."""
-        return _NAMES[type(self)]
+        above_zero(self.weight, f"The weight of a constraint ({self.name})")
 
 
 @dataclass(frozen=True)
@@ -61,17 +58,21 @@ class _OnVertices(Constraint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "vertices", as_where(self.vertices))
+        _set(self, "vertices", as_where(self.vertices))
 
 
 @dataclass(frozen=True)
 class Fixed(_OnVertices):
     """Vertices stay where they are."""
 
+    name: ClassVar[str] = "fixed"
+
 
 @dataclass(frozen=True)
 class Corners(Constraint):
     """Corners of the boundary, where it turns by more than an angle in radians, stay."""
+
+    name: ClassVar[str] = "corners"
 
     turn: float = CORNER_TURN
 
@@ -88,12 +89,16 @@ class Corners(Constraint):
 class Glide(_OnVertices):
     """Boundary vertices move along the boundary curve of the start; its corners stay."""
 
+    name: ClassVar[str] = "glide"
+
     vertices: Selection = "boundary"
 
 
 @dataclass(frozen=True)
 class Curve(_OnVertices):
     """Vertices lie on a polyline (n, 3), closed where its ends coincide; model unit."""
+
+    name: ClassVar[str] = "curve"
 
     curve: Any
 
@@ -105,25 +110,29 @@ class Curve(_OnVertices):
                 "The points of a curve must differ from one to the next; found two equal ones. "
                 "Leave one out."
             )
-        object.__setattr__(self, "curve", frozen_points(points))
+        _set(self, "curve", frozen_points(points))
 
 
 @dataclass(frozen=True)
 class Plane(_OnVertices):
     """Vertices lie in a plane."""
 
+    name: ClassVar[str] = "plane"
+
     point: Any
     normal: Any
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _set_point(self, "point", "The point of a plane")
-        _set_direction(self, "normal", "The normal of a plane")
+        _set(self, "point", finite_point(self.point, "The point of a plane"))
+        _set(self, "normal", direction(self.normal, "The normal of a plane"))
 
 
 @dataclass(frozen=True)
 class Level(_OnVertices):
     """Vertices lie at a height z."""
+
+    name: ClassVar[str] = "level"
 
     height: float
 
@@ -140,20 +149,24 @@ class Mirror(Constraint):
     Partners are found at the start, within a share `tolerance` of the mean edge.
     """
 
+    name: ClassVar[str] = "mirror"
+
     point: Any
     normal: Any
     tolerance: float = PARTNER
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _set_point(self, "point", "The point of a mirror")
-        _set_direction(self, "normal", "The normal of a mirror")
-        _above_zero(self.tolerance, "The tolerance of a mirror")
+        _set(self, "point", finite_point(self.point, "The point of a mirror"))
+        _set(self, "normal", direction(self.normal, "The normal of a mirror"))
+        above_zero(self.tolerance, "The tolerance of a mirror")
 
 
 @dataclass(frozen=True)
 class Rotation(Constraint):
     """The mesh is its own image under a rotation by a full turn over `order`."""
+
+    name: ClassVar[str] = "rotation"
 
     point: Any
     direction: Any
@@ -162,9 +175,9 @@ class Rotation(Constraint):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _set_point(self, "point", "The point of a rotation")
-        _set_direction(self, "direction", "The direction of a rotation")
-        _above_zero(self.tolerance, "The tolerance of a rotation")
+        _set(self, "point", finite_point(self.point, "The point of a rotation"))
+        _set(self, "direction", direction(self.direction, "The direction of a rotation"))
+        above_zero(self.tolerance, "The tolerance of a rotation")
         if isinstance(self.order, bool) or not isinstance(self.order, int) or self.order < 2:
             raise SpecError(
                 f"The order of a rotation must be a whole number, at least 2; found "
@@ -176,11 +189,13 @@ class Rotation(Constraint):
 class Axis(_OnVertices):
     """The faces at a vertex touch a cone about a given direction: the node's axis."""
 
+    name: ClassVar[str] = "axis"
+
     direction: Any
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _set_direction(self, "direction", "An axis of nodes")
+        _set(self, "direction", direction(self.direction, "An axis of nodes"))
 
 
 @dataclass(frozen=True)
@@ -196,7 +211,7 @@ class _Sized(Constraint):
             raise SpecError(f"{self.name}: a range needs least or most; found neither. Give one.")
         for value in (self.least, self.most):
             if value is not None:
-                _above_zero(value, f"A bound of {self.name}")
+                above_zero(value, f"A bound of {self.name}")
         if self.least is not None and self.most is not None and self.least > self.most:
             raise SpecError(
                 f"{self.name}: least must not exceed most; found {self.least:g} and "
@@ -214,12 +229,14 @@ class EdgeLengths(_Sized):
         Model unit; shares of each edge's own start length where `relative`.
     """
 
+    name: ClassVar[str] = "edge lengths"
+
     vertices: Selection = "all"
     relative: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "vertices", as_where(self.vertices))
+        _set(self, "vertices", as_where(self.vertices))
 
 
 @dataclass(frozen=True)
@@ -231,12 +248,14 @@ class PanelSizes(_Sized):
     measure : 'width' (both means of opposite edges, model unit) or 'area' (model unit squared)
     """
 
+    name: ClassVar[str] = "panel sizes"
+
     measure: str = "width"
     vertices: Selection = "all"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "vertices", as_where(self.vertices))
+        _set(self, "vertices", as_where(self.vertices))
         if self.measure not in MEASURES:
             raise SpecError(
                 f"The measure of panels must be one of {', '.join(MEASURES)}; found "
@@ -248,11 +267,13 @@ class PanelSizes(_Sized):
 class Within(Constraint):
     """Every vertex stays within a distance of the reference surface, model unit."""
 
+    name: ClassVar[str] = "within"
+
     distance: float
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _above_zero(self.distance, "The distance from the surface")
+        above_zero(self.distance, "The distance from the surface")
         if not self.hard:
             raise SpecError(
                 "A distance from the surface is a bound, so it is hard; found hard = false. Leave "
@@ -273,6 +294,8 @@ class FlatPolylines(Constraint):
         Instead: the polylines of the mesh that pass nearest to these points.
     """
 
+    name: ClassVar[str] = "flat polylines"
+
     polylines: Any = "all"
     through: Any = None
 
@@ -280,7 +303,7 @@ class FlatPolylines(Constraint):
         super().__post_init__()
         if self.through is not None:
             points = finite_points(self.through, "Points on polylines")
-            object.__setattr__(self, "through", frozen_points(points))
+            _set(self, "through", frozen_points(points))
         if isinstance(self.polylines, str):
             if self.polylines not in ("all", "boundary"):
                 raise SpecError(
@@ -295,24 +318,7 @@ class FlatPolylines(Constraint):
                 f"A polyline to be flat must have at least four different vertices; found "
                 f"{list(short[0]) if short else 'none'}. Three points always lie in a plane."
             )
-        object.__setattr__(self, "polylines", chains)
-
-
-_NAMES: dict[type, str] = {
-    Fixed: "fixed",
-    Corners: "corners",
-    Glide: "glide",
-    Curve: "curve",
-    Plane: "plane",
-    Level: "level",
-    Mirror: "mirror",
-    Rotation: "rotation",
-    Axis: "axis",
-    EdgeLengths: "edge lengths",
-    PanelSizes: "panel sizes",
-    Within: "within",
-    FlatPolylines: "flat polylines",
-}
+        _set(self, "polylines", chains)
 
 
 @dataclass(frozen=True)
@@ -329,26 +335,15 @@ class Constraints:
     parts: tuple[Constraint, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "parts", tuple(self.parts))
+        _set(self, "parts", tuple(self.parts))
         for part in self.parts:
-            if type(part) not in _NAMES:
+            if not isinstance(part, Constraint):
                 raise SpecError(
-                    f"A constraint must be one of {', '.join(t.__name__ for t in _NAMES)}; found "
+                    f"A constraint must be a value of this module, such as Level; found "
                     f"{type(part).__name__}. Use one of them."
                 )
 
 
-def _above_zero(value: float, name: str) -> None:
-    if not 0 < value < math.inf:
-        raise SpecError(f"{name} must be a finite number above 0; found {value:g}. Mend it.")
-
-
-def _set_point(part: Constraint, key: str, name: str) -> None:
-    points = finite_points([getattr(part, key)], name)
-    object.__setattr__(part, key, frozen_points(points)[0])
-
-
-def _set_direction(part: Constraint, key: str, name: str) -> None:
-    _set_point(part, key, name)
-    if not any(getattr(part, key)):
-        raise SpecError(f"{name} must have a length above 0; found (0, 0, 0). Give a direction.")
+def _set(part: Any, key: str, value: Any) -> None:
+    """A value of a frozen dataclass in its checked form."""
+    object.__setattr__(part, key, value)

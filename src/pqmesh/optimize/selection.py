@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
 
 from pqmesh.errors import SpecError
 from pqmesh.mesh.quadmesh import PolyMesh
+from pqmesh.optimize.given import finite_points, frozen_points, whole_numbers
 from pqmesh.optimize.polylines import Polylines
-from pqmesh.vectors import Floats, Indices, Mask, cross, dot, norm
+from pqmesh.vectors import Indices, Mask, cross, dot, norm
 
 # A boundary vertex whose edges turn by more than this is a corner.
 CORNER_TURN = float(np.radians(30.0))
@@ -190,40 +191,41 @@ def boundary_corners(mesh: PolyMesh, turn: float = CORNER_TURN) -> Mask:
     return corners
 
 
-# --- values that a user gives ---------------------------------------------------------------
+def chosen_polylines(
+    wanted: str | tuple[tuple[int, ...], ...], through: Any, mesh: PolyMesh
+) -> list[Indices]:
+    """Polylines of more than three different vertices, as lists of vertices.
 
+    Parameters
+    ----------
+    wanted : 'all', 'boundary', or lists of vertices
+    through : points (n, 3), optional
+        Instead: the polylines of the mesh that pass nearest to these points.
+    mesh : PolyMesh
 
-def whole_numbers(values: Any, name: str) -> tuple[int, ...]:
-    """A non-empty tuple of whole numbers."""
-    numbers = np.asarray(list(values))
-    if not numbers.size or numbers.ndim != 1 or not np.issubdtype(numbers.dtype, np.integer):
+    Raises
+    ------
+    SpecError
+        When a number is out of range, or there is no such polyline.
+    """
+    topology = mesh.topology
+    if not isinstance(wanted, str):
+        for chain in wanted:
+            selected(chain, mesh)
+        return [np.array(chain, dtype=np.int64) for chain in wanted]
+    chains = topology.polylines
+    if through is not None:
+        middles = [0.5 * (mesh.vertices[chain[1:]] + mesh.vertices[chain[:-1]]) for chain in chains]
+        owner = np.repeat(np.arange(len(chains)), [len(chain) - 1 for chain in chains])
+        near = cKDTree(np.concatenate(middles)).query(np.array(through))[1]
+        chains = [chains[k] for k in np.unique(owner[near])]
+    elif wanted == "boundary":
+        rim = {tuple(pair) for pair in mesh.edges[topology.is_boundary_edge].tolist()}
+        chains = [chain for chain in chains if tuple(sorted(chain[:2].tolist())) in rim]
+    long = [chain for chain in chains if len(np.unique(chain)) > 3]
+    if not long:
         raise SpecError(
-            f"A list of {name} must be whole numbers, at least one; found {list(values)!r:.80}. "
-            f"Mend it."
+            "Flat polylines must be at least one of more than three vertices; found none. Choose "
+            "others, or leave the constraint out."
         )
-    return tuple(numbers.tolist())
-
-
-def finite_points(values: ArrayLike, name: str, least: int = 1) -> Floats:
-    """Points (n, 3), finite, at least so many."""
-    try:
-        points = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        points = np.empty(0)
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) < least:
-        raise SpecError(
-            f"{name} must be at least {least} points of 3 coordinates; found {values!r:.80}. "
-            f"Write [x, y, z] for each."
-        )
-    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
-    if len(bad):
-        raise SpecError(
-            f"{name} must have finite coordinates; point {bad[0]} is {points[bad[0]].tolist()}. "
-            f"Mend it."
-        )
-    return points
-
-
-def frozen_points(points: Floats) -> tuple[tuple[float, ...], ...]:
-    """Points as a value that compares and never changes."""
-    return tuple(map(tuple, points.tolist()))
+    return long
