@@ -28,6 +28,8 @@ _PUBLIC = {
     "trace_network": "network.kinds",
     "quads_from_network": "network.meshing",
     "problem_for": "optimize.recipes",
+    "Constraints": "optimize.constraints",
+    "read_constraints": "design",
     "solve": "optimize.solver",
     "face_offset": "offset.offsets",
     "edge_offset": "koebe.edge_offset",
