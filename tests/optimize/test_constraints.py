@@ -430,13 +430,17 @@ REFUSED = {
     "height of a level must be finite; found nan": lambda: Level("corners", float("nan")),
     "An axis of nodes must have a length above 0": (lambda: Axis((1,), (0, 0, 0))),
     "normal of a plane must have a length above 0": lambda: Plane((1,), (0, 0, 0), (0, 0, 0)),
+    "normal of a mirror must have a length above 0": lambda: Mirror((0, 0, 0), (1e-320, 0, 0)),
+    "curve for vertices must be at least 2 points of 3 coordinates; found 7": (
+        lambda: Curve((1,), 7)
+    ),
     "least must not exceed most; found 2 and 1": lambda: EdgeLengths(2.0, 1.0),
     "needs least or most; found neither": lambda: PanelSizes(),
     "bound of panel sizes must be a finite number above 0": lambda: PanelSizes(least=0.0),
     "measure of panels must be one of width, area": lambda: PanelSizes(1.0, measure="weight"),
     "group of vertices must be one of all, boundary": lambda: Fixed("border"),
     "list of vertices must be whole numbers": lambda: Fixed((1.5,)),
-    "order of a rotation must be a whole number, at least 2": (
+    "order of a rotation must be a whole number from 2 to 1000": (
         lambda: Rotation((0, 0, 0), (0, 0, 1), 1)
     ),
     "at least four different vertices": lambda: FlatPolylines([[1, 2, 3, 1]]),
@@ -444,7 +448,9 @@ REFUSED = {
     "distance from the surface must be a finite number above 0": lambda: Within(-1.0),
     "curve for vertices must be at least 2 points": lambda: Curve((1,), [[0, 0, 0]]),
     "points of a curve must differ": lambda: Curve((1,), [[0, 0, 0], [0, 0, 0], [1, 0, 0]]),
-    "must have finite coordinates; point 1 is": lambda: Curve((1,), [[0, 0, 0], [0, 0, np.inf]]),
+    "must have finite coordinates below 1e\\+50; point 1 is": lambda: Curve(
+        (1,), [[0, 0, 0], [0, 0, np.inf]]
+    ),
     "box must be its lowest and its highest corner": (
         lambda: Fixed(Where(box=[[1, 0, 0], [0, 1, 1]]))
     ),
@@ -488,6 +494,7 @@ CONTRADICTIONS = {
     "vertex 40 has another axis": FLAT,
     "no edge has all its vertices among the 2": (EdgeLengths(1.0, vertices=(0, 80)),),
     "vertex 40 lies inside": (Glide((40,)),),
+    "takes vertex .* near itself, .* from the axis": (Rotation((0, 0, 0), (0, 0, 1), 1000),),
     "Flat polylines must be at least one of more than three vertices": None,
 }
 

@@ -243,6 +243,14 @@ def _symmetric(
     if len(found.pairs):
         wanted.append(_Wanted(Symmetry.on(mesh, found.pairs, matrix, point)))
     if len(found.own):
+        off = np.linalg.norm((mesh.vertices[found.own] - point) @ np.array(across).T, axis=1)
+        if off.max() > tolerance:
+            vertex = int(found.own[off.argmax()])
+            raise SpecError(
+                f"A vertex near its own image must lie near the axis; the {part.name} takes vertex "
+                f"{vertex} near itself, {off.max():.4g} from the axis. Lower the order or the "
+                f"tolerance."
+            )
         wanted += [_Wanted(OnPlanes.on(mesh, found.own, point, normal)) for normal in across]
     return wanted
 

@@ -22,6 +22,7 @@ from pqmesh.optimize.selection import CORNER_TURN, Selection, as_where
 MEASURES = ("width", "area")
 # A vertex counts as the partner of another within this share of the mean edge.
 PARTNER = 0.25
+LARGEST_ORDER = 1000
 
 
 @dataclass(frozen=True)
@@ -178,9 +179,10 @@ class Rotation(Constraint):
         _set(self, "point", finite_point(self.point, "The point of a rotation"))
         _set(self, "direction", direction(self.direction, "The direction of a rotation"))
         above_zero(self.tolerance, "The tolerance of a rotation")
-        if isinstance(self.order, bool) or not isinstance(self.order, int) or self.order < 2:
+        whole = isinstance(self.order, int) and not isinstance(self.order, bool)
+        if not (whole and 2 <= self.order <= LARGEST_ORDER):
             raise SpecError(
-                f"The order of a rotation must be a whole number, at least 2; found "
+                f"The order of a rotation must be a whole number from 2 to {LARGEST_ORDER}; found "
                 f"{self.order!r}. Mend it."
             )
 

@@ -11,6 +11,9 @@ from numpy.typing import ArrayLike
 from pqmesh.errors import SpecError
 from pqmesh.vectors import Floats
 
+# Squares of squares of larger coordinates leave the range of doubles.
+LARGEST = 1e50
+
 
 def whole_numbers(values: Any, name: str) -> tuple[int, ...]:
     """A non-empty tuple of whole numbers."""
@@ -31,14 +34,14 @@ def finite_points(values: ArrayLike, name: str, least: int = 1) -> Floats:
         points = np.empty(0)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < least:
         raise SpecError(
-            f"{name} must be at least {least} points of 3 coordinates; found {values!r:.80}. "
-            f"Write [x, y, z] for each."
+            f"{name} must be at least {least} points of 3 coordinates; found "
+            f"{_shown(values)}. Write [x, y, z] for each."
         )
-    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    bad = np.flatnonzero(~(np.abs(points) <= LARGEST).all(axis=1))
     if len(bad):
         raise SpecError(
-            f"{name} must have finite coordinates; point {bad[0]} is {points[bad[0]].tolist()}. "
-            f"Mend it."
+            f"{name} must have finite coordinates below {LARGEST:g}; point {bad[0]} is "
+            f"{points[bad[0]].tolist()}. Mend it."
         )
     return points
 
@@ -62,6 +65,12 @@ def finite_point(value: Any, name: str) -> tuple[float, ...]:
 def direction(value: Any, name: str) -> tuple[float, ...]:
     """A direction as a value; it has a length."""
     found = finite_point(value, name)
-    if not any(found):
-        raise SpecError(f"{name} must have a length above 0; found (0, 0, 0). Give a direction.")
+    if max(map(abs, found)) < 1.0 / LARGEST:
+        raise SpecError(f"{name} must have a length above 0; found {found}. Give a direction.")
     return found
+
+
+def _shown(values: Any) -> str:
+    """A value in a message of one line."""
+    text = repr(values.tolist() if isinstance(values, np.ndarray) else values)
+    return text if len(text) <= 80 else text[:77] + "..."
