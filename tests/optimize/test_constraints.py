@@ -387,6 +387,18 @@ def _without(mesh, gone):
     return mesh.vertices[used], flat.reshape(-1, 4)
 
 
+def test_mesh_without_room_within_its_boundary_names_the_worst_faces(data_folder):
+    # Lines along asymptotic directions: flat faces need another surface, and another rim.
+    start = read_quad_mesh(data_folder / "hypar.obj")
+    found = optimized("planar", start, reference_of(start), boundary="glide")
+    assert not found.converged
+    mesh = start.with_vertices(found.blocks["vertices"])
+    worst = np.argsort(-planarity(mesh) * np.linalg.norm(
+        mesh.corners[:, 2:] - mesh.corners[:, :2], axis=2).mean(axis=1))  # fmt: skip
+    assert f"the worst are {worst[0]}, {worst[1]}" in found.reason
+    assert "faces are not flat" in found.reason
+
+
 # --- selections and curves ------------------------------------------------------------------
 
 

@@ -34,6 +34,8 @@ ROUNDINGS, EPSILON = 4.0, float(np.finfo(np.float64).eps)
 AGREE = 1e-9
 # Singular values below this say that planes are parallel.
 PARALLEL = 1e-9
+# Faces with diagonals nearer than this, in mean edges, are not named.
+NOT_FLAT = 1e-9
 # So many elements are named at most.
 MOST_NAMED = 8
 
@@ -113,9 +115,12 @@ def without(problem: Problem, found: list[Hopeless]) -> Problem:
 
 
 def answered(solution: Solution, found: list[Hopeless], mesh: PolyMesh) -> Solution:
-    """The solution of a problem `without` what was found, with that in its reason."""
+    """The solution of a problem `without` what was found, its reason naming the faces.
+
+    Where nothing was found and there is no convergence, those that are worst at the end.
+    """
     if not found:
-        return solution
+        return solution if solution.converged else _with_worst(solution, mesh)
     missed = {each.goal.name: float(each.beyond.max()) for each in found}
     residuals = {
         name: max(value, missed.get(name, 0.0)) for name, value in solution.residuals.items()
@@ -124,6 +129,22 @@ def answered(solution: Solution, found: list[Hopeless], mesh: PolyMesh) -> Solut
     if not solution.converged:
         reason += f"; beside that: {solution.reason}"
     return replace(solution, converged=False, reason=reason, residuals=residuals)
+
+
+def _with_worst(solution: Solution, mesh: PolyMesh) -> Solution:
+    """The solution with its worst faces in the reason, and how many of them hang on the rim."""
+    term = Planarity({"vertices": mesh.topology.quads}, mesh.mean_edge_length)
+    off = np.abs(term.evaluate(gathered(term, solution.blocks))[0][:, 0])
+    worst = np.argsort(-off, kind="stable")[:MOST_NAMED]
+    worst = worst[off[worst] > NOT_FLAT]
+    if not len(worst):
+        return solution
+    held = mesh.topology.is_boundary_vertex[mesh.topology.quads].sum(axis=1)[off > NOT_FLAT]
+    reason = (
+        f"{solution.reason}; with this boundary {len(held)} faces are not flat, "
+        f"{int((held > 0).sum())} of them at it, the worst are {', '.join(map(str, worst))}"
+    )
+    return replace(solution, reason=reason)
 
 
 def said(found: Hopeless, mesh: PolyMesh) -> str:

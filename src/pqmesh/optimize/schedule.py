@@ -53,7 +53,8 @@ def optimized(
     -------
     Solution
         The first that converges; else the one with the smallest hard residuals. Where a boundary
-        that stays forbids some faces, the rest is solved, and the reason names them.
+        that stays forbids some faces, the rest is solved, and the reason names them; where it
+        leaves too little room, the reason names the worst faces.
 
     Raises
     ------
@@ -95,7 +96,7 @@ def optimized(
         if not solution.converged or _distance(solution, reference) > _distance(best, reference):
             break
         best = solution
-    return answered(best, impossible, start)
+    return best if boundary == "free" else answered(best, impossible, start)
 
 
 def _worst(solution: Solution) -> float:
