@@ -29,6 +29,8 @@ _PUBLIC = {
     "trace_network": "network.kinds",
     "quads_from_network": "network.meshing",
     "problem_for": "optimize.recipes",
+    "Constraints": "optimize.constraints",
+    "read_constraints": "design",
     "solve": "optimize.solver",
     "outlook": "optimize.outlook",
     "mended": "optimize.mending",

@@ -51,6 +51,7 @@ from pqmesh.errors import PqmeshError, SpecError
 if TYPE_CHECKING:
     from pqmesh.design import Design
     from pqmesh.mesh.quadmesh import PolyMesh
+    from pqmesh.optimize.constraints import Constraints
     from pqmesh.optimize.solver import Solution, Step
     from pqmesh.results import Roof
     from pqmesh.source import Source
@@ -286,23 +287,29 @@ def optimize(
     ] = None,
     boundary: Annotated[Boundary, typer.Option(help="What the rim may do.")] = Boundary.free,
     within: Annotated[float | None, typer.Option(help="Stay this close to the surface.")] = None,
+    constraints: Annotated[
+        Path | None, typer.Option(help="What else is asked of the mesh.", metavar="FILE.toml")
+    ] = None,
     tolerance: Annotated[float, typer.Option(help="Planarity that counts as reached.")] = 1e-9,
     report: Annotated[Path | None, typer.Option(help="Report file to write, JSON.")] = None,
 ) -> None:
     """Move the vertices of a mesh as little as makes it planar, conical or circular."""
+    from pqmesh.design import read_constraints
     from pqmesh.optimize.advice import advice
+    from pqmesh.optimize.constrained import constraint_miss
     from pqmesh.optimize.mending import mended
     from pqmesh.optimize.outlook import outlook
     from pqmesh.report import optimization_report
 
     _positive("--tolerance", tolerance)
     _positive("--within", within)
-    if kind is Kind.edge_offset and boundary is not Boundary.free:
+    if kind is Kind.edge_offset and (boundary is not Boundary.free or constraints is not None):
+        asked = "--constraints" if constraints is not None else f"--boundary {boundary}"
         raise SpecError(
-            f"--kind edge-offset fits a mesh with a free boundary; found --boundary {boundary}. "
-            f"Leave it out."
+            f"--kind edge-offset fits a mesh with a free boundary; found {asked}. Leave it out."
         )
     check_outputs(output, report)
+    wanted = None if constraints is None else read_constraints(constraints)
     start = read_to_move(mesh)
     held = None if boundary is Boundary.free else start.topology.is_boundary_vertex
     mending = mended(start, held)
@@ -313,7 +320,13 @@ def optimize(
     with progress() as tell:
         tell("optimize", None)
         solution = _optimized(
-            kind, mending.mesh, target, boundary, within, lambda step: tell("optimize", step)
+            kind,
+            mending.mesh,
+            target,
+            boundary,
+            within,
+            wanted,
+            lambda step: tell("optimize", step),
         )
     moved = start.with_vertices(solution.blocks["vertices"])
     found = optimization_report(
@@ -328,6 +341,7 @@ def optimize(
         within=within,
         seen=seen,
         mending=mending,
+        missed=constraint_miss(mending.mesh, target, wanted, solution),
     )
     write_moved(moved, found, output, report)
     if reached(optimized_summary(found), found):
@@ -447,6 +461,7 @@ def _optimized(
     target: Reference,
     boundary: Boundary,
     within: float | None,
+    constraints: Constraints | None,
     told: Callable[[Step], None],
 ) -> Solution:
     """The optimisation of a kind."""
@@ -455,7 +470,15 @@ def _optimized(
     from pqmesh.optimize.schedule import optimized
 
     if kind is not Kind.edge_offset:
-        return optimized(kind, start, target, boundary=boundary, within=within, progress=told)
+        return optimized(
+            kind,
+            start,
+            target,
+            boundary=boundary,
+            within=within,
+            constraints=constraints,
+            progress=told,
+        )
     quads = QuadMesh(start.vertices, start.topology)
     return edge_offset_solution(quads, target, quads.vertex_normals, told)[0]
 

@@ -216,6 +216,7 @@ def _solved(
         boundary=spec.boundary,
         within=spec.within,
         warp=spec.flat,
+        constraints=spec.constraints,
         progress=told,
     )
     mesh = start.with_vertices(solution.blocks["vertices"])

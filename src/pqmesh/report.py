@@ -21,6 +21,7 @@ from pqmesh.network.principal import Inside
 from pqmesh.network.region import PlanOutline, region_samples
 from pqmesh.offset.offsets import Layer
 from pqmesh.offset.support import SupportStructure
+from pqmesh.optimize.constrained import constraint_miss
 from pqmesh.optimize.mending import Mending
 from pqmesh.optimize.outlook import Outlook, outlook
 from pqmesh.optimize.solver import Solution
@@ -35,6 +36,8 @@ from pqmesh.vectors import Floats, norm
 
 # A sampled point of the surface counts as covered within this share of the mean edge.
 COVERED = 0.05
+# Constraints are met within this share of the mean edge.
+CONSTRAINTS_MET = 1e-9
 
 
 def panelization_report(
@@ -91,6 +94,9 @@ def panelization_report(
     if not result.solution.converged:
         report["warnings"] += report["outlook"]["advice"]
     report["tolerance"] = _tolerance(report, design.tolerances)
+    missed = constraint_miss(result.start, reference, result.spec.constraints, result.solution)
+    if missed is not None:
+        report["tolerance"].append(judged("constraints", CONSTRAINTS_MET, missed))
     return report
 
 
@@ -107,11 +113,13 @@ def optimization_report(
     within: float | None = None,
     mending: Mending | None = None,
     seen: Outlook | None = None,
+    missed: float | None = None,
 ) -> dict[str, Any]:
     """Report of `optimize`: the same keys where they exist.
 
     `start` is the mesh as it came; `mending` says what was done to it before, and `seen` is the
-    outlook of what came of that.
+    outlook of what came of that. `missed` is by how much constraints were missed, in mean edges;
+    None without any.
     """
     report: dict[str, Any] = {
         "schema": SCHEMA,
@@ -142,6 +150,8 @@ def optimization_report(
         within = 0.05 * start.mean_edge_length if within is None else within
     if within is not None:
         asked["deviation"], reached["deviation"] = within, report["deviation"]["max"]
+    if missed is not None:
+        asked["constraints"], reached["constraints"] = CONSTRAINTS_MET, missed
     report["tolerance"] = [judged(key, asked[key], reached[key]) for key in asked]
     return report
 

@@ -8,7 +8,10 @@ import numpy as np
 
 from pqmesh.errors import SpecError
 from pqmesh.mesh.quadmesh import PolyMesh
+from pqmesh.optimize.constrained import constrained
+from pqmesh.optimize.constraints import Constraints
 from pqmesh.optimize.problem import Goal, Problem, Term
+from pqmesh.optimize.selection import boundary_corners
 from pqmesh.optimize.terms import (
     Circularity,
     Closeness,
@@ -22,12 +25,9 @@ from pqmesh.optimize.terms import (
     held_edges,
 )
 from pqmesh.surface.reference import Reference
-from pqmesh.vectors import Mask, norm
 
 KINDS = ("planar", "conical", "circular", "conical-circular")
 BOUNDARIES = ("free", "fixed", "glide")
-# A boundary vertex whose edges turn by more than this is a corner and stays when gliding.
-CORNER_TURN = np.radians(30.0)
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,6 @@ class Weights:
     edges: float = 1.0
     fairness: float = 0.1
     anchor: float = 1e-3
-    glide: float = 100.0
 
 
 def problem_for(
@@ -49,6 +48,7 @@ def problem_for(
     boundary: str = "free",
     weights: Weights | None = None,
     warp: float = 0.0,
+    constraints: Constraints | None = None,
 ) -> Problem:
     """Problem whose solution is a mesh of the given kind close to start and reference.
 
@@ -63,15 +63,19 @@ def problem_for(
         interior and of valence 4 or more; three planes always touch a cone.
     reference : Reference
     boundary : 'free', 'fixed' or 'glide'
+        Boundary vertices move freely, stay, or move on the boundary curve of the start, whose
+        corners stay.
     weights : Weights, optional
     warp : float, model unit
         Panels may be out of plane by so much (distance of the diagonals, for polygons each of
         their `PolygonPlanarity`).
+    constraints : Constraints, optional
+        What is asked of the mesh beside.
 
     Raises
     ------
     SpecError
-        For an unknown kind or boundary.
+        For an unknown kind or boundary, and for constraints that contradict each other.
     """
     if kind not in KINDS:
         raise SpecError(f"The kind must be one of {', '.join(KINDS)}; found {kind!r}. Choose one.")
@@ -104,8 +108,9 @@ def problem_for(
         fixed["vertices"] = corners
         gliding = np.flatnonzero(mesh.topology.is_boundary_vertex & ~corners)
         if len(gliding):
-            goals.append(Goal("glide", Gliding.on(mesh, gliding), weights.glide))
-    return Problem(blocks, tuple(goals), fixed)
+            goals.append(Goal("glide", Gliding.on(mesh, gliding), hard=True))
+    problem = Problem(blocks, tuple(goals), fixed)
+    return constrained(problem, mesh, reference, constraints) if constraints else problem
 
 
 def _planarity(mesh: PolyMesh, slack: float) -> list[Goal]:
@@ -143,14 +148,3 @@ def _shared(terms: dict[str, Term], *, tolerance: float, slack: float = 0.0) -> 
         for name, term in terms.items()
         if counts[name]
     ]
-
-
-def boundary_corners(mesh: PolyMesh) -> Mask:
-    """Boundary vertices at which the boundary turns sharply, shape (V,)."""
-    corners = np.zeros(mesh.topology.n_vertices, dtype=np.bool_)
-    for loop in mesh.topology.boundary_loops:
-        points = mesh.vertices[loop]
-        ahead, behind = np.roll(points, -1, axis=0) - points, points - np.roll(points, 1, axis=0)
-        turn = np.arctan2(norm(np.cross(behind, ahead)), np.einsum("ni,ni->n", behind, ahead))
-        corners[loop[turn > CORNER_TURN]] = True
-    return corners

@@ -7,7 +7,10 @@ from dataclasses import replace
 
 from pqmesh.mesh.conjugacy import conjugacy
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
+from pqmesh.optimize.conflicts import answered, hopeless, without
+from pqmesh.optimize.constraints import Constraints
 from pqmesh.optimize.multilevel import coarse_to_fine
+from pqmesh.optimize.problem import Problem
 from pqmesh.optimize.recipes import Weights, problem_for
 from pqmesh.optimize.solver import Solution, Step, solve
 from pqmesh.surface.reference import Reference
@@ -27,6 +30,7 @@ def optimized(
     boundary: str = "free",
     within: float | None = None,
     warp: float = 0.0,
+    constraints: Constraints | None = None,
     progress: Callable[[Step], None] | None = None,
 ) -> Solution:
     """Solution of a recipe with a closeness that the mesh can bear.
@@ -46,27 +50,48 @@ def optimized(
     within : float, optional, model unit
     warp : float, model unit
         Panels may be out of plane by so much; the rest of the freedom goes to the soft goals.
+    constraints : Constraints, optional
+        What is asked of the mesh beside.
     progress : callable, optional
         Called with every step.
 
     Returns
     -------
     Solution
-        The first that converges; else the one with the smallest hard residuals.
+        The first that converges; else the one with the smallest hard residuals. Where a boundary
+        that stays forbids some faces, the rest is solved, and the reason names them; where it
+        leaves too little room, the reason names the worst faces.
+
+    Raises
+    ------
+    SpecError
+        For an unknown kind or boundary, and for constraints that contradict each other.
     """
 
+    def problem(weights: Weights, first: PolyMesh) -> Problem:
+        return problem_for(
+            kind,
+            first,
+            reference,
+            boundary=boundary,
+            weights=weights,
+            warp=warp,
+            constraints=constraints,
+        )
+
     def attempt(weights: Weights, first: PolyMesh) -> Solution:
-        problem = problem_for(kind, first, reference, boundary=boundary, weights=weights, warp=warp)
-        return solve(problem, first, progress=lambda _, step: progress(step) if progress else None)
+        possible = without(problem(weights, first), impossible)
+        return solve(possible, first, progress=lambda _, step: progress(step) if progress else None)
 
     def by_levels() -> Solution | None:
-        if boundary == "glide" or not start.topology.is_quad:
+        if boundary == "glide" or constraints is not None or not start.topology.is_quad:
             return None
         quads = QuadMesh(start.vertices, start.topology)
         return coarse_to_fine(
             kind, quads, reference, boundary=boundary, warp=warp, progress=progress
         )
 
+    impossible = [] if boundary == "free" else hopeless(problem(Weights(), start), start)
     far = conjugacy(start).verdict in FAR
     best, weights, first = (by_levels() if far else None), Weights(), start
     if best is not None and best.converged:
@@ -88,7 +113,7 @@ def optimized(
         if not solution.converged or _distance(solution, reference) > _distance(best, reference):
             break
         best = solution
-    return best
+    return best if boundary == "free" else answered(best, impossible, start)
 
 
 def _relaxed(

@@ -49,10 +49,10 @@ def fairness(mesh: PolyMesh) -> Combination:
     return _relative(mesh, mesh.topology.straight_triples, np.array([1.0, -2.0, 1.0]))
 
 
-def anchor(mesh: PolyMesh) -> Combination:
-    """Vertices stay where they are."""
-    rows = np.arange(mesh.topology.n_vertices)[:, None]
-    return _relative(mesh, rows, np.array([1.0]))
+def anchor(mesh: PolyMesh, vertices: Indices | None = None) -> Combination:
+    """Vertices, or some of them, stay where they are."""
+    rows = np.arange(mesh.topology.n_vertices) if vertices is None else vertices
+    return _relative(mesh, rows[:, None], np.array([1.0]))
 
 
 def _relative(mesh: PolyMesh, rows: Indices, coefficients: Floats) -> Combination:
