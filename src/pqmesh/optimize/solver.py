@@ -38,13 +38,14 @@ FIRST_PENALTY, LAST_PENALTY = 1e1, 1e8
 # A start whose hard residuals are below the second number is taken for near: the first penalty is
 # then the first number, and goes back to the ordinary one if the first step shows otherwise.
 NEAR_PENALTY, NEAR = 1e6, 0.02
-# The penalty grows at least by the first factor after a full step; the straighter the hard goals
-# were along it, the more, up to the second: near the solution nothing is gained by small ones.
-LEAST_GROWTH, MOST_GROWTH, BENT = 10.0, 1e5, 0.1
-# Where growth is as large as this, the goals are straight enough to be met exactly in one step:
-# the linearised problem is then solved to so small a share of the residuals, by so many more
-# solutions with the factor at hand.
-STRAIGHT, EXACT, CORRECTIONS = 1e3, 1e-4, 5
+# The penalty grows by this factor after a full step; where the hard goals were straight along it
+# (residuals before over their bend), by the second times that, up to the third: near the solution
+# nothing is gained by small steps of the penalty.
+GROWTH, BENT, MOST_GROWTH = 10.0, 0.1, 1e5
+# This straight, the goals are met exactly in one step: the linearised problem is solved to so
+# small a share of the residuals, by so many more solutions with the factor at hand. A start taken
+# for near has to be as straight as the last number.
+STRAIGHT, EXACT, CORRECTIONS, NEARLY = 1e4, 1e-4, 5, 1e3
 # Rounds of Newton's method with an old factor, each of which has to leave less than such a share.
 ROUNDS, WORTH = 8, 0.3
 # The soft goals damp the finish where hard goals nearly depend on each other (closed meshes), so
@@ -211,10 +212,10 @@ def _advance(
             stiffer = np.maximum(BRAKE_GROWTH * brakes, FIRST_BRAKE)
             brakes = np.where(blocking, stiffer, brakes)
         elif taken is not None:
-            growth = here.growth(direction, taken)
-            if growth >= STRAIGHT or state.finishing:
+            straight = here.straightness(direction, taken)
+            if straight >= STRAIGHT or state.finishing:
                 taken = here.brought_back(taken, factor)
-            return _updated(replace(here.state, brakes=brakes), taken, damping, growth, length)
+            return _updated(replace(here.state, brakes=brakes), taken, damping, straight, length)
         else:
             damping = max(30.0 * damping, 1e-6)
     return replace(state, damping=damping), None
@@ -347,12 +348,10 @@ class _Place:
             taken = taken._replace(blocks=blocks, values=values)
         return taken
 
-    def growth(self, direction: Floats, taken: _Taken) -> float:
-        """Factor for the penalty after a step: large where the hard goals were nearly straight."""
-        if taken.share < 1.0:
-            return 1.0
-        if taken.bent:
-            return LEAST_GROWTH
+    def straightness(self, direction: Floats, taken: _Taken) -> float:
+        """How straight the hard goals were along a step: residuals before it over their bend."""
+        if taken.share < 1.0 or taken.bent:
+            return 0.0
         bend = before = 0.0
         changes = self.assembly.changes(self.parts, direction)
         at, after = self.state.values, taken.values
@@ -362,8 +361,7 @@ class _Place:
             if goal.hard:
                 bend = max(bend, float(np.abs(new - old - change).max(initial=0.0)))
                 before = max(before, float(np.abs(old).max(initial=0.0)))
-        straight = BENT * before / max(bend, TINY)
-        return min(max(straight, LEAST_GROWTH), MOST_GROWTH)
+        return before / max(bend, TINY)
 
     def whole(self, direction: Floats) -> float:
         """Share of the step at which a vertex moves as far as it may, at most 1."""
@@ -428,7 +426,7 @@ def _merit(parts: list[Part], residuals: list[Floats]) -> float:
 
 
 def _updated(
-    state: _State, taken: _Taken, damping: float, growth: float, length: float
+    state: _State, taken: _Taken, damping: float, straight: float, length: float
 ) -> tuple[_State, Step]:
     """State after an accepted step: multipliers, penalty and damping follow."""
     moves = norm(taken.blocks["vertices"] - state.blocks["vertices"])
@@ -441,10 +439,12 @@ def _updated(
                 shift = multipliers.get(goal.name, 0.0) / state.penalty
                 multipliers[goal.name] = state.penalty * goal.beyond(residual + shift)
     penalty = state.penalty
-    if state.straight and growth < LEAST_GROWTH * 10.0 and penalty == NEAR_PENALTY:
+    if penalty == NEAR_PENALTY and state.straight and straight < NEARLY:
+        # The start was not so near after all.
         penalty, multipliers = FIRST_PENALTY, {}
     elif taken.share == 1.0:
         highest = FINISH_PENALTY if state.finishing else LAST_PENALTY
+        growth = min(BENT * straight, MOST_GROWTH) if straight >= STRAIGHT else GROWTH
         penalty = min(penalty * growth, highest)
         damping = max(damping * 0.1, 1e-12)
     elif taken.share < 0.25:
@@ -457,7 +457,7 @@ def _updated(
         multipliers=multipliers,
         penalty=penalty,
         damping=damping,
-        straight=growth >= STRAIGHT,
+        straight=straight >= STRAIGHT,
     ), step
 
 
