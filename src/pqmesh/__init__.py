@@ -32,6 +32,7 @@ _PUBLIC = {
     "Constraints": "optimize.constraints",
     "read_constraints": "design",
     "solve": "optimize.solver",
+    "Editing": "optimize.editing",
     "outlook": "optimize.outlook",
     "mended": "optimize.mending",
     "face_offset": "offset.offsets",

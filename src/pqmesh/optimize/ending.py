@@ -77,9 +77,9 @@ class Best:
         """Begin to count steps anew."""
         self.history = self.history[-1:]
 
-    def settled(self, steps: list[Step]) -> bool:
+    def settled(self, steps: list[Step], resting: float = SETTLED) -> bool:
         """Hard goals within tolerance and the last step small."""
-        return self.history[-1] <= 1.0 and steps[-1].moved < SETTLED and steps[-1].share == 1.0
+        return self.history[-1] <= 1.0 and steps[-1].moved <= resting and steps[-1].share == 1.0
 
     def stuck(self, steps: list[Step]) -> bool:
         """Three short steps that hardly moved anything while hard goals are open."""

@@ -25,6 +25,7 @@ from pqmesh.optimize.terms import (
     held_edges,
 )
 from pqmesh.surface.reference import Reference
+from pqmesh.vectors import Floats
 
 KINDS = ("planar", "conical", "circular", "conical-circular")
 BOUNDARIES = ("free", "fixed", "glide")
@@ -77,23 +78,12 @@ def problem_for(
     SpecError
         For an unknown kind or boundary, and for constraints that contradict each other.
     """
-    if kind not in KINDS:
-        raise SpecError(f"The kind must be one of {', '.join(KINDS)}; found {kind!r}. Choose one.")
     if boundary not in BOUNDARIES:
         raise SpecError(
             f"The boundary must be one of {', '.join(BOUNDARIES)}; found {boundary!r}. Choose one."
         )
     weights = weights or Weights()
-    blocks = {"vertices": mesh.vertices}
-    goals = _planarity(mesh, warp / mesh.mean_edge_length)
-    if "conical" in kind:
-        goals.append(Goal("conicality", Conicality.on(mesh), hard=True, tolerance=1e-11))
-        axes = Cone.start_axes(mesh)
-        if len(axes):
-            blocks["axes"] = axes
-            goals += _cones(mesh)
-    if "circular" in kind:
-        goals.append(Goal("circularity", Circularity.on(mesh), hard=True, tolerance=1e-11))
+    goals, blocks = hard_goals(kind, mesh, warp / mesh.mean_edge_length)
     goals += [
         Goal("closeness", Closeness.on(mesh, reference), weights.closeness),
         Goal("edges", held_edges(mesh), weights.edges),
@@ -111,6 +101,38 @@ def problem_for(
             goals.append(Goal("glide", Gliding.on(mesh, gliding), hard=True))
     problem = Problem(blocks, tuple(goals), fixed)
     return constrained(problem, mesh, reference, constraints) if constraints else problem
+
+
+def hard_goals(
+    kind: str, mesh: PolyMesh, slack: float = 0.0
+) -> tuple[list[Goal], dict[str, Floats]]:
+    """What makes a mesh of the given kind, and the start of its unknowns.
+
+    Parameters
+    ----------
+    kind : one of `KINDS`
+    mesh : PolyMesh
+    slack : float
+        Faces may be out of plane by so much, in mean edges.
+
+    Raises
+    ------
+    SpecError
+        For an unknown kind.
+    """
+    if kind not in KINDS:
+        raise SpecError(f"The kind must be one of {', '.join(KINDS)}; found {kind!r}. Choose one.")
+    blocks = {"vertices": mesh.vertices}
+    goals = _planarity(mesh, slack)
+    if "conical" in kind:
+        goals.append(Goal("conicality", Conicality.on(mesh), hard=True, tolerance=1e-11))
+        axes = Cone.start_axes(mesh)
+        if len(axes):
+            blocks["axes"] = axes
+            goals += _cones(mesh)
+    if "circular" in kind:
+        goals.append(Goal("circularity", Circularity.on(mesh), hard=True, tolerance=1e-11))
+    return goals, blocks
 
 
 def _planarity(mesh: PolyMesh, slack: float) -> list[Goal]:

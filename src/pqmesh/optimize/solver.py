@@ -27,7 +27,7 @@ import numpy as np
 from pqmesh.linear import Factor
 from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.optimize.assembly import Assembly, Part
-from pqmesh.optimize.ending import Best, Solution, Step, why_stuck
+from pqmesh.optimize.ending import SETTLED, Best, Solution, Step, why_stuck
 from pqmesh.optimize.guard import Guard
 from pqmesh.optimize.problem import Goal, Problem, Refreshing, gathered
 from pqmesh.vectors import TINY, Floats, Mask, norm
@@ -36,8 +36,9 @@ __all__ = ["Solution", "Step", "solve"]
 
 FIRST_PENALTY, LAST_PENALTY = 1e1, 1e8
 # A start whose hard residuals are below the second number is taken for near: the first penalty is
-# then the first number, and goes back to the ordinary one if the first step shows otherwise.
-NEAR_PENALTY, NEAR = 1e6, 0.02
+# then the first number, and goes back to the ordinary one if the first step leaves more than the
+# last.
+NEAR_PENALTY, NEAR, MISSED = 1e6, 0.02, 1e-4
 # The penalty grows by this factor after a full step; where the hard goals were straight along it
 # (residuals before over their bend), by the second times that, up to the third: near the solution
 # nothing is gained by small steps of the penalty.
@@ -89,7 +90,9 @@ def solve(
     *,
     most_steps: int = 60,
     progress: Callable[[int, Step], None] | None = None,
+    resting: float = SETTLED,
     assembly: Assembly | None = None,
+    guard: Guard | None = None,
 ) -> Solution:
     """Optimised unknowns of a problem whose block `vertices` is a mesh.
 
@@ -104,13 +107,17 @@ def solve(
     most_steps : int
     progress : callable, optional
         Called after each step.
+    resting : float
+        Largest move of the last step, in mean edges.
     assembly : Assembly, optional
         Of a problem with the same stencils, fixed rows and linear terms: the work on the pattern
         is not done again.
+    guard : Guard, optional
+        Other limits than those of the start.
 
     References: [thesis] section 6.1 with errata E4, E32.
     """
-    guard = Guard.of(mesh)
+    guard = guard or Guard.of(mesh)
     assembly = assembly or Assembly(problem, mesh)
     length = mesh.mean_edge_length
     blocks = {name: np.array(block) for name, block in problem.blocks.items()}
@@ -132,7 +139,7 @@ def solve(
         best.offer(state.blocks, state.goals, state.values)
         if progress is not None:
             progress(number, step)
-        if best.settled(steps):
+        if best.settled(steps, resting):
             return best.solution(tuple(steps), "hard goals reached and nothing moves any more")
         if best.stuck(steps):
             return best.solution(tuple(steps), why_stuck(guard, state.blocks["vertices"]))
@@ -183,6 +190,7 @@ def _advance(
     ]
     here = _Place(state, assembly, guard, length, parts, _merit(parts, residuals))
     rhs, damping = assembly.descent(parts, residuals), state.damping
+    exactly = state.straight or state.finishing
     brakes, tries = BRAKE_EASE * state.brakes, BRAKE_TRIES
     brakes[brakes < LAST_BRAKE] = 0.0
     for _ in range(14):
@@ -196,7 +204,7 @@ def _advance(
             damping = max(10.0 * damping, 1e-8)
             continue
         taken = None
-        if state.straight or state.finishing:
+        if exactly:
             # Where goals nearly depend on each other, the exact step goes far for nothing.
             exact, step = here.sharpened(direction, factor)
             taken = exact.line_search(step, factor)
@@ -213,7 +221,7 @@ def _advance(
             brakes = np.where(blocking, stiffer, brakes)
         elif taken is not None:
             straight = here.straightness(direction, taken)
-            if straight >= STRAIGHT or state.finishing:
+            if exactly and _hardest(state.goals, taken.values) < NEAR:
                 taken = here.brought_back(taken, factor)
             return _updated(replace(here.state, brakes=brakes), taken, damping, straight, length)
         else:
@@ -326,8 +334,6 @@ class _Place:
         Newton's method with the factor of the step: it costs no new factorisation, and goes on as
         long as each round takes most of what is left.
         """
-        if taken.share < 1.0:
-            return taken
         goals = self.state.goals
         for _ in range(ROUNDS):
             left = [
@@ -351,7 +357,9 @@ class _Place:
     def straightness(self, direction: Floats, taken: _Taken) -> float:
         """How straight the hard goals were along a step: residuals before it over their bend."""
         if taken.share < 1.0 or taken.bent:
-            return 0.0
+            # A step cut to the longest allowed says nothing, and what is known stays.
+            cut = taken.share >= self.whole(direction) and self.state.straight
+            return STRAIGHT if cut else 0.0
         bend = before = 0.0
         changes = self.assembly.changes(self.parts, direction)
         at, after = self.state.values, taken.values
@@ -439,7 +447,7 @@ def _updated(
                 shift = multipliers.get(goal.name, 0.0) / state.penalty
                 multipliers[goal.name] = state.penalty * goal.beyond(residual + shift)
     penalty = state.penalty
-    if penalty == NEAR_PENALTY and state.straight and straight < NEARLY:
+    if penalty == NEAR_PENALTY and state.straight and straight < NEARLY and hard > MISSED:
         # The start was not so near after all.
         penalty, multipliers = FIRST_PENALTY, {}
     elif taken.share == 1.0:

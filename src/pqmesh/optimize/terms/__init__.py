@@ -5,7 +5,7 @@ from pqmesh.optimize.terms.axis import NodeAxis
 from pqmesh.optimize.terms.closeness import Closeness, Within
 from pqmesh.optimize.terms.cone import Cone
 from pqmesh.optimize.terms.curves import Gliding, OnCurve
-from pqmesh.optimize.terms.linear import anchor, fairness, held_edges
+from pqmesh.optimize.terms.linear import Combination, anchor, fairness, held_edges
 from pqmesh.optimize.terms.planarity import Planarity, PolygonPlanarity
 from pqmesh.optimize.terms.planes import OnPlanes, PlanarPolyline
 from pqmesh.optimize.terms.sizes import EdgeLength, PanelArea, PanelWidth
@@ -38,6 +38,7 @@ __all__ = [
     "TERMS",
     "Circularity",
     "Closeness",
+    "Combination",
     "Cone",
     "Conicality",
     "EdgeLength",
