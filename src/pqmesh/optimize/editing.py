@@ -130,7 +130,7 @@ class Editing:
         if wanted.shape != (len(self.handles), 3) or not np.isfinite(wanted).all():
             raise SpecError(
                 f"Targets must be one finite point for each of the {len(self.handles)} handles, "
-                f"shape ({len(self.handles)}, 3); found shape {wanted.shape}. Give one row a handle."
+                f"shape ({len(self.handles)}, 3); found shape {wanted.shape}. Give a row for each."
             )
         goals = tuple(
             replace(goal, term=_aimed(goal.term, wanted)) if goal.name == "handles" else goal
