@@ -7,12 +7,14 @@ import os
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 HOME = Path(__file__).resolve().parents[1]
 # Seconds a process may take to start, read its mesh and judge the result, beyond the limit.
 AROUND = 20.0
+# Status of a measurement whose process has not said how it ended.
+UNFINISHED = "unfinished"
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,7 @@ def measured(
     limit : float, seconds
         For all runs together; a first run that leaves no room for the others stands alone.
     """
+    unknown = Measurement(mesh, method, kind, UNFINISHED)
     with tempfile.TemporaryDirectory(prefix="pqmesh-bench-") as folder:
         answer = Path(folder) / "answer.json"
         words = [mesh, method, kind, str(repeats), str(limit), str(answer)]
@@ -98,6 +101,7 @@ def measured(
         environment = os.environ | {"PYTHONPATH": path}
         # As the command does, for every method alike: dense kernels in one thread.
         environment.setdefault("OPENBLAS_NUM_THREADS", "1")
+        over = f"over {limit:g} s"
         try:
             # Peers print as they please.
             done = subprocess.run(
@@ -108,12 +112,26 @@ def measured(
                 timeout=limit + AROUND,
             )
         except subprocess.TimeoutExpired:
-            return Measurement(mesh, method, kind, f"over {limit:g} s")
-        if not answer.exists():
-            last = (done.stderr.decode(errors="replace").strip().splitlines() or [""])[-1]
-            how = f"signal {-done.returncode}" if done.returncode < 0 else last[:80]
-            return Measurement(mesh, method, kind, f"crashed: {how}")
-        found = Measurement(**json.loads(answer.read_text(encoding="utf-8")))
-    if not found.status and found.seconds is not None and found.seconds > limit:
-        return Measurement(mesh, method, kind, f"over {limit:g} s")
+            return replace(_answer(answer, unknown), status=over)
+        found = _answer(answer, unknown)
+    if found.status == UNFINISHED:
+        last = (done.stderr.decode(errors="replace").strip().splitlines() or [""])[-1]
+        how = f"signal {-done.returncode}" if done.returncode < 0 else last[:80]
+        return replace(found, status=f"crashed: {how}")
+    if found.seconds is not None and found.seconds > limit:
+        return replace(unknown, vertices=found.vertices, faces=found.faces, status=over)
     return found
+
+
+def written(found: Measurement, path: Path) -> None:
+    """Write a measurement for `measured`, whole or not at all."""
+    beside = path.with_suffix(".part")
+    beside.write_text(json.dumps(asdict(found)), encoding="utf-8")
+    beside.replace(path)
+
+
+def _answer(path: Path, unknown: Measurement) -> Measurement:
+    """What the process wrote last."""
+    if not path.exists():
+        return unknown
+    return Measurement(**json.loads(path.read_text(encoding="utf-8")))

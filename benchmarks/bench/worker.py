@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import statistics
 import sys
 import time
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
-from bench.measurement import Measurement
+from bench.measurement import UNFINISHED, Measurement, written
 
 
-def main(mesh: str, method: str, kind: str, repeats: int, limit: float) -> Measurement:
-    """Run and judge."""
+def main(
+    mesh: str, method: str, kind: str, repeats: int, limit: float, answer: Path
+) -> Measurement:
+    """Run and judge; the size of the mesh is answered before, should the run not come back."""
     from bench.judge import judged
     from bench.meshes import case
     from bench.methods import METHODS
@@ -26,6 +27,7 @@ def main(mesh: str, method: str, kind: str, repeats: int, limit: float) -> Measu
         return replace(found, status=f"not installed: {error.name}")
     topology = start.mesh.topology
     found = replace(found, vertices=topology.n_vertices, faces=topology.n_faces)
+    written(replace(found, status=UNFINISHED), answer)
     seconds, cpu = [], []
     try:
         # Runs that would not fit are left out, so that the limit is one for all of them.
@@ -67,5 +69,4 @@ def peak_megabytes() -> float:
 
 if __name__ == "__main__":
     *names, repeats, limit, answer = sys.argv[1:]
-    result = main(*names, int(repeats), float(limit))
-    Path(answer).write_text(json.dumps(asdict(result)), encoding="utf-8")
+    written(main(*names, int(repeats), float(limit), Path(answer)), Path(answer))

@@ -120,7 +120,7 @@ def test_a_measurement_runs_in_its_own_process():
 
 def test_a_slow_method_is_named_as_slow(monkeypatch):
     slow = measurement.measured("ellipsoid-21", "baseline", "conical", limit=1e-3)
-    assert (slow.status, slow.seconds) == ("over 0.001 s", None)
+    assert (slow.status, slow.seconds, slow.faces) == ("over 0.001 s", None, 400)
     monkeypatch.setattr(measurement, "AROUND", 0.0)
     stopped = measurement.measured("ellipsoid-21", "baseline", "conical", limit=0.01)
     assert stopped.status == "over 0.01 s"
