@@ -9,6 +9,8 @@ from pathlib import Path
 from bench.measurement import Measurement
 from bench.methods import PEERS
 
+# Planarity and balance that count as reached, wide enough for every method that gets there at all.
+FLAT = 1e-8
 COLORS = {
     "pqmesh": "#0b5fa5",
     "pqmesh-glide": "#5aa9e6",
@@ -26,7 +28,7 @@ def draw(rows: Sequence[Measurement], limit: float, path: Path) -> bool:
 
     Meshes that come in several sizes are joined by lines, single ones are dots; crosses on the
     limit are methods that took longer, and open marks are results that did not converge, broke
-    faces or stayed above planarity 1e-9.
+    faces or stayed above FLAT.
     """
     try:
         import matplotlib
@@ -78,11 +80,11 @@ def _method(panel, rows: list[Measurement], method: str, color: str, limit: floa
 
 
 def is_good(row: Measurement) -> bool:
-    """Whether a measurement is a result one can build on: flat to 1e-9, nothing broken."""
+    """Whether a measurement is a result to go on with: flat enough, nothing broken."""
     return (
         row.converged is not False
         and row.broken_new == 0
         and row.planarity_after is not None
-        and row.planarity_after <= 1e-9
-        and (row.kind != "conical" or (row.balance_after or 0.0) <= 1e-9)
+        and row.planarity_after <= FLAT
+        and (row.kind != "conical" or (row.balance_after or 0.0) <= FLAT)
     )

@@ -44,7 +44,7 @@ def cells(found: Measurement) -> list[str]:
         _pair(found.planarity_before, found.planarity_after),
         _pair(found.balance_before, found.balance_after) if found.kind == "conical" else "",
         _number(found.moved_max, ".3f"),
-        _number(found.deviation_rms, ".4f"),
+        _number(found.deviation_rms, ".2g"),
         _number(found.edge_ratio, ".2f"),
         _number(found.broken_new, "d"),
         _number(found.boundary_drift, ".3f"),
@@ -75,7 +75,8 @@ def line(found: Measurement) -> str:
 
 def markdown(rows: Sequence[Measurement]) -> str:
     """The table for the documentation."""
-    lines = [HEADINGS, ["---"] * len(HEADINGS), *map(cells, rows)]
+    plain = [[word.replace("|", "\\|") for word in cells(row)] for row in rows]
+    lines = [HEADINGS, ["---"] * len(HEADINGS), *plain]
     return "\n".join(f"| {' | '.join(words)} |" for words in lines)
 
 
