@@ -11,6 +11,7 @@ import pqmesh
 from pqmesh.errors import MeshError
 from pqmesh.koebe.edge_offset import edge_offset_space
 from pqmesh.mesh.cones import vertex_types
+from pqmesh.mesh.conjugacy import conjugacy
 from pqmesh.mesh.measure import (
     circularity_defect,
     corner_angles,
@@ -24,6 +25,7 @@ from pqmesh.offset.distances import KINDS
 from pqmesh.offset.parallel import parallel_space
 from pqmesh.offset.spaces import offset_space
 from pqmesh.report_mesh import SCHEMA, all_measures, mesh_counts
+from pqmesh.report_outlook import conjugacy_keys
 
 # An edge shorter than this share of the mean is listed as tiny.
 TINY_EDGE = 0.05
@@ -61,6 +63,7 @@ def check_report(
         "circular": bool(flat and np.abs(circularity_defect(mesh)).max() <= tolerance),
         "conical": bool(flat and (spread is None or spread <= tolerance)),
         "edge_offset": offsets["edge"]["exists"],
+        "lines": conjugacy_keys(conjugacy(mesh)),
         "vertex_types": dict(sorted(Counter(map(str, vertex_types(mesh).values())).items())),
         "parallel_dimension": dimension,
         "parallel_gap": gap,
@@ -80,6 +83,7 @@ def check_lines(report: dict[str, Any]) -> list[str]:
     for key in ("planar", "circular", "conical"):
         verdict = "yes" if report[key] else "no"
         lines.append(f"{key:9} {verdict} (tolerance {report['tolerance']:g})")
+    lines.append(_lines_line(report["lines"]))
     if report["parallel_dimension"] is None:
         lines.append("parallel  dimension of P(M) undecided, see the notes")
     else:
@@ -95,6 +99,13 @@ def check_lines(report: dict[str, Any]) -> list[str]:
     for key, value in report["measures"].items():
         lines.append(f"  {key:22} {'-' if value is None else format(value, '.6g')}")
     return lines + [f"note: {problem['text']}" for problem in report["problems"]]
+
+
+def _lines_line(found: dict[str, Any]) -> str:
+    """One line about the two families of mesh lines."""
+    turn = found["conjugacy_turn_median_deg"]
+    by = "" if turn is None else f", must turn by {turn:.3g} deg in the median to be conjugate"
+    return f"lines     {found['verdict']}{by}"
 
 
 def _offset_line(kind: str, offset: dict[str, Any]) -> str:

@@ -27,6 +27,7 @@ from pqmesh.cli_meshes import (
 from pqmesh.cli_said import (
     Session,
     moved_summary,
+    optimized_notes,
     optimized_summary,
     progress,
     reached,
@@ -287,13 +288,23 @@ def optimize(
     report: Annotated[Path | None, typer.Option(help="Report file to write, JSON.")] = None,
 ) -> None:
     """Move the vertices of a quad mesh as little as makes it planar, conical or circular."""
+    from pqmesh.optimize.advice import advice
+    from pqmesh.optimize.outlook import outlook
     from pqmesh.report import optimization_report
 
     _positive("--tolerance", tolerance)
     _positive("--within", within)
+    if kind is Kind.edge_offset and boundary is not Boundary.free:
+        raise SpecError(
+            f"--kind edge-offset fits a mesh with a free boundary; found --boundary {boundary}. "
+            f"Leave it out."
+        )
     check_outputs(output, report)
     start = read_to_move(mesh)
     target = reference_of(reference, start)
+    seen = outlook(kind, start, target if reference else None, boundary=boundary)
+    for text in advice(seen):
+        say(f"note: {text}")
     with progress() as tell:
         tell("optimize", None)
         solution = _optimized(
@@ -310,9 +321,14 @@ def optimize(
         units="",
         flat=tolerance,
         within=within,
+        seen=seen,
     )
     write_moved(moved, found, output, report)
-    raise typer.Exit(OK if reached(optimized_summary(found), found) else NOT_REACHED)
+    if reached(optimized_summary(found), found):
+        raise typer.Exit(OK)
+    for text in optimized_notes(found):
+        say(f"note: {text}")
+    raise typer.Exit(NOT_REACHED)
 
 
 @app.command()
@@ -433,11 +449,6 @@ def _optimized(
 
     if kind is not Kind.edge_offset:
         return optimized(kind, start, target, boundary=boundary, within=within, progress=told)
-    if boundary is not Boundary.free:
-        raise SpecError(
-            f"--kind edge-offset fits a mesh with a free boundary; found --boundary {boundary}. "
-            f"Leave it out."
-        )
     return edge_offset_solution(start, target, start.vertex_normals, told)[0]
 
 

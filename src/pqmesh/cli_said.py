@@ -92,6 +92,24 @@ def optimized_summary(report: dict[str, Any]) -> str:
     )
 
 
+def optimized_notes(report: dict[str, Any]) -> list[str]:
+    """What limits an optimised mesh, and its worst face, vertex and edge of each measure."""
+    notes, told = list(report["worst"]["limits"]), set()
+    for noun, key in (("face", "faces"), ("vertex", "vertices"), ("edge", "edges")):
+        for entry in report["worst"][key]:
+            # The lists of a measure begin with its worst.
+            if entry["measure"] in told:
+                continue
+            told.add(entry["measure"])
+            where = entry[noun]
+            name = "-".join(map(str, where)) if isinstance(where, list) else where
+            at = ", ".join(f"{x:.6g}" for x in entry["at"])
+            notes.append(
+                f"worst {entry['measure']} is {entry['value']:.3g}, at {noun} {name} ({at})"
+            )
+    return notes
+
+
 def moved_summary(report: dict[str, Any], output: Path) -> str:
     """One line about an offset or an image."""
     after = report["after"]

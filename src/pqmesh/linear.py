@@ -1,15 +1,26 @@
-"""The one place that factorises sparse matrices: symmetric systems, smallest singular vectors."""
+"""The one place that factorises sparse matrices: symmetric systems whose pattern is fixed.
+
+What does not change is done once: where the contributions go, the fill-reducing order, and the
+symbolic part of the factorisation where the back end keeps one. The back end is what is installed:
+rslab (extra `fast`), else SciPy's SuperLU.
+"""
 
 from __future__ import annotations
 
 from importlib.util import find_spec
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
-from scipy.sparse import csc_array, csc_matrix, eye_array
+from scipy.sparse import csc_array, csc_matrix
 from scipy.sparse.linalg import splu
 
 from pqmesh.vectors import Floats, Indices
+
+# From this size on the fast back end keeps its factor in single precision, which halves its
+# memory; iterations with the matrix itself make up for the digits.
+LARGE = 600_000
+# Iterations of refinement, and of the conjugate gradients that a single-precision factor drives.
+REFINEMENTS, KRYLOV_TOLERANCE, KRYLOV_STEPS = 1, 1e-12, 60
 
 
 class Factor(Protocol):
@@ -18,6 +29,11 @@ class Factor(Protocol):
     def solve(self, rhs: Floats) -> Floats:
         """Solution of A x = rhs."""
         ...
+
+
+def factorized(matrix: Any) -> Factor:
+    """SciPy's factor of one symmetric sparse matrix; raises ArithmeticError if it is singular."""
+    return _SuperLU().factor(_Lower.of(csc_matrix(matrix)))
 
 
 class SymmetricPattern:
@@ -35,11 +51,12 @@ class SymmetricPattern:
         unique, self._place = np.unique(keys, return_inverse=True)
         self._place = self._place.reshape(-1)
         column, self._rows = np.divmod(unique, size)
-        self._columns = column
         self._indptr = np.searchsorted(column, np.arange(size + 1))
+        self._lower = self._rows >= column
+        self._below = np.concatenate([[0], np.cumsum(self._lower)])[self._indptr]
         self.size = size
         self.diagonal = np.searchsorted(unique, np.arange(size) * np.int64(size + 1))
-        self._backend: _Backend = _Rslab() if find_spec("rslab") else _SuperLU()
+        self._backend = _backend()
 
     def values(self, contributions: Floats) -> Floats:
         """Stored values of the matrix, contributions added up."""
@@ -53,20 +70,129 @@ class SymmetricPattern:
 
     def factor(self, values: Floats) -> Factor:
         """Factor of the matrix with these stored values; raises ArithmeticError if singular."""
-        return self._backend.factor(self.matrix(values))
+        lower = (values[self._lower], self._rows[self._lower], self._below)
+        shape = (self.size, self.size)
+        return self._backend.factor(_Lower(csc_matrix(lower, shape=shape)))
+
+
+class BlockPattern:
+    """Sparse symmetric matrix of 3 x 3 blocks whose pattern is fixed and whose values change.
+
+    Parameters
+    ----------
+    rows, columns : (N,)
+        Blocks that are not zero, rows >= columns, in any order, repeated at will; those of the
+        diagonal are added.
+    size : int
+        Number of block rows.
+
+    Attributes
+    ----------
+    place : (N,)
+        Stored block of each pair.
+    count : int
+        Number of stored blocks: those on and below the diagonal.
+    diagonal : (size,)
+        The stored blocks of the diagonal.
+    """
+
+    def __init__(self, rows: Indices, columns: Indices, size: int) -> None:
+        own = np.arange(size)
+        keys = np.concatenate([columns * np.int64(size) + rows, own * np.int64(size + 1)])
+        unique, place = np.unique(keys, return_inverse=True)
+        self.size, self.count = size, len(unique)
+        self.place, self.diagonal = place.reshape(-1)[:-size], place.reshape(-1)[-size:]
+        column, row = np.divmod(unique, max(size, 1))
+        self._order, self._rows, self._indptr = _scalar_columns(row, column, size)
+        self._backend = _backend()
+
+    def factor(self, blocks: Floats) -> Factor:
+        """Factor of the matrix with these stored blocks (count, 3, 3).
+
+        Raises
+        ------
+        ArithmeticError
+            When it is singular.
+        MemoryError
+            When it does not fit.
+        """
+        data = blocks.reshape(-1)[self._order]
+        shape = (3 * self.size, 3 * self.size)
+        return self._backend.factor(_Lower(csc_matrix((data, self._rows, self._indptr), shape)))
+
+
+def _scalar_columns(row: Indices, column: Indices, size: int) -> tuple[Indices, Indices, Indices]:
+    """Lower triangle of 3 x 3 blocks as compressed columns: places in the blocks, rows, starts.
+
+    The blocks come sorted by column and row, the diagonal one first in its column.
+    """
+    count = len(row)
+    first = np.searchsorted(column, np.arange(size + 1))
+    height = np.diff(first)
+    lengths = (3 * height[:, None] - np.arange(3)).ravel()
+    indptr = np.concatenate([[0], np.cumsum(lengths)])
+    # Entry (r, c) of the b-th block of a column stands in scalar column 3 column + c.
+    rank = np.arange(count) - first[column]
+    block, r, c = (
+        x.ravel() for x in np.meshgrid(np.arange(count), [0, 1, 2], [0, 1, 2], indexing="ij")
+    )
+    below = (rank[block] > 0) | (r >= c)
+    block, r, c = block[below], r[below], c[below]
+    at = indptr[3 * column[block] + c] + 3 * rank[block] + r - c
+    order = np.empty(len(at), dtype=np.int64)
+    rows = np.empty(len(at), dtype=np.int32)
+    order[at] = 9 * block + 3 * r + c
+    rows[at] = 3 * row[block] + r
+    small = indptr[-1] < np.iinfo(np.int32).max
+    return order, rows, indptr.astype(np.int32 if small else np.int64)
+
+
+class _Lower:
+    """A symmetric matrix as its lower triangle in compressed columns."""
+
+    def __init__(self, lower: Any) -> None:
+        lower.has_canonical_format = True
+        self.lower = lower
+
+    @classmethod
+    def of(cls, matrix: Any) -> _Lower:
+        """From the whole matrix."""
+        matrix.sum_duplicates()
+        column = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+        kept = matrix.indices >= column
+        below = np.concatenate([[0], np.cumsum(kept)])[matrix.indptr]
+        return cls(csc_matrix((matrix.data[kept], matrix.indices[kept], below), matrix.shape))
+
+    def times(self, x: Floats) -> Floats:
+        """The matrix times columns."""
+        own = self.lower.diagonal()
+        return np.asarray(
+            self.lower @ x + self.lower.T @ x - (own if x.ndim == 1 else own[:, None]) * x
+        )
+
+    def whole(self) -> Any:
+        """Both triangles, in compressed columns."""
+        upper = self.lower.T.tocsc()
+        upper.setdiag(0.0)
+        return csc_matrix(self.lower + upper)
 
 
 class _Backend(Protocol):
-    def factor(self, matrix: Any) -> Factor: ...
+    def factor(self, matrix: _Lower) -> Factor: ...
+
+
+def _backend() -> _Backend:
+    """What is installed."""
+    return _Rslab() if find_spec("rslab") else _SuperLU()
 
 
 class _SuperLU:
-    """SciPy's LU with a symmetric ordering: always there, no symbolic reuse."""
+    """SciPy's LU with a symmetric ordering: always there."""
 
-    def factor(self, matrix: Any) -> Factor:
+    def factor(self, matrix: _Lower) -> Factor:
         try:
             factor: Factor = splu(
-                csc_matrix(matrix),
+                matrix.whole(),
                 permc_spec="MMD_AT_PLUS_A",
                 diag_pivot_thresh=0.0,
                 options={"SymmetricMode": True},
@@ -81,17 +207,14 @@ class _Rslab:
 
     def __init__(self) -> None:
         self._symbolic: Any = None
-        self._lower: Any = None
 
-    def factor(self, matrix: Any) -> Factor:
+    def factor(self, matrix: _Lower) -> Factor:
         import rslab
 
         if self._symbolic is None:
-            self._symbolic = rslab.analyze(csc_matrix(matrix), path="ldlt")
-            column = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
-            self._lower = matrix.indices >= column
+            self._symbolic = rslab.analyze(matrix.lower, path="ldlt")
         try:
-            factor = self._symbolic.factor(np.ascontiguousarray(matrix.data[self._lower]))
+            factor = self._symbolic.factor(matrix.lower.data)
         except (RuntimeError, ValueError) as error:
             raise ArithmeticError(str(error)) from error
         return _Refined(factor, matrix)
@@ -100,165 +223,9 @@ class _Rslab:
 class _Refined:
     """One step of iterative refinement around a factor: guards the result at little cost."""
 
-    def __init__(self, factor: Any, matrix: Any) -> None:
+    def __init__(self, factor: Any, matrix: _Lower) -> None:
         self._factor, self._matrix = factor, matrix
 
     def solve(self, rhs: Floats) -> Floats:
         x = np.asarray(self._factor.solve(rhs), dtype=np.float64)
-        return np.asarray(x + self._factor.solve(rhs - self._matrix @ x))
-
-
-# --- smallest singular values -----------------------------------------------------------------
-
-# Up to this size all singular values are computed densely.
-DENSE = 300
-# Shift of the normal equations against their largest entry: above their rounding, and so small
-# that one step of inverse iteration brings what is not near zero down by many digits.
-SHIFT = 1e-14
-# Vectors kept beyond those asked for, and rounds of the iteration.
-SPARE, ROUNDS, LONG_ROUNDS = 8, 2, 15
-# Right-hand sides solved at once.
-COLUMNS = 16
-# Passes of `orthonormal` at most, when it is content, and how far it trusts a Gram matrix.
-PASSES, ORTHONORMAL, GRAM_FLOOR = 8, 1e-14, 1e-13
-# Squares of singular values below this share of the largest are computed again.
-KNOWN = 1e-8
-
-
-class LowSpectrum(NamedTuple):
-    """Smallest singular values of a matrix, rising, and their right singular vectors.
-
-    Attributes
-    ----------
-    values : (p,)
-        All values up to the bound asked for, and at least one above it where there is one. That
-        first one above is exact to about a hundredth, those beyond it are upper bounds.
-    vectors : (n, p)
-        Orthonormal columns.
-    """
-
-    values: Floats
-    vectors: Floats
-
-
-def low_spectrum(matrix: Any, bound: float, expected: int = 0) -> LowSpectrum:
-    """Singular values of a sparse matrix (m, n) up to a bound, and their vectors.
-
-    Inverse iteration on a block of vectors with the shifted normal equations; the values are
-    then taken from the matrix itself, so that they are good to rounding error and not to its
-    square root. The start is fixed: the same matrix gives the same result.
-
-    Parameters
-    ----------
-    matrix : sparse (m, n)
-    bound : float
-        Absolute.
-    expected : int
-        About how many values lie below; a good guess saves a round.
-
-    Examples
-    --------
-    >>> from scipy.sparse import diags_array
-    >>> low_spectrum(diags_array([3.0, 0.0, 2.0]), 0.1).values
-    array([0., 2., 3.])
-    """
-    rows = matrix.tocsr()
-    size = rows.shape[1]
-    if size <= DENSE:
-        return _dense_spectrum(rows.toarray())
-    normal = csc_matrix(rows.T @ rows)
-    shift = SHIFT * (float(normal.diagonal().max()) or 1.0)
-    factor = _SuperLU().factor(normal + shift * csc_matrix(eye_array(size)))
-    count = min(expected + SPARE, size)
-    while True:
-        start = np.random.default_rng(0).normal(size=(size, count))
-        found = _iterated(rows, factor, start, ROUNDS)
-        low = int(np.count_nonzero(found.values <= bound))
-        if low <= count - SPARE // 2 or count == size:
-            break
-        count = min(2 * count, size)
-    if low == size:
-        return found
-    return _with_next(rows, factor, found, low)
-
-
-def _iterated(rows: Any, factor: Factor, start: Floats, rounds: int) -> LowSpectrum:
-    """Block inverse iteration, and the singular values of the matrix on its result."""
-    block = start
-    for _ in range(rounds):
-        block = orthonormal(_solved(factor, block))
-    return _values_on(rows @ block, block)
-
-
-def _solved(factor: Factor, block: Floats) -> Floats:
-    """Solutions for all columns, a few at a time.
-
-    More at a time are not faster, and threads of the dense kernels then wait for each other.
-    """
-    parts = range(0, block.shape[1], COLUMNS)
-    return np.hstack([factor.solve(block[:, start : start + COLUMNS]) for start in parts])
-
-
-def _with_next(rows: Any, factor: Factor, found: LowSpectrum, low: int) -> LowSpectrum:
-    """The lowest vectors kept, and the one after them iterated for long beside them."""
-    kept = found.vectors[:, :low]
-    block = found.vectors[:, low : low + SPARE]
-    for _ in range(LONG_ROUNDS):
-        block = factor.solve(block)
-        for _ in range(2):
-            # Once is not enough: the solution is nearly all in the space of the kept ones.
-            block = orthonormal(block - kept @ (kept.T @ block))
-    above = _values_on(rows @ block, block)
-    return LowSpectrum(
-        np.concatenate([found.values[:low], above.values]),
-        np.column_stack([kept, above.vectors]),
-    )
-
-
-def orthonormal(block: Floats) -> Floats:
-    """Orthonormal columns that span those of a tall block; noise where the block is deficient.
-
-    By products of matrices only, which run at full speed and do not make threads wait as
-    factorisations of tall matrices do. Each pass divides by the root of the Gram matrix, as far
-    as its rounding allows; a few passes do it for any condition.
-
-    Examples
-    --------
-    >>> found = orthonormal(np.array([[1.0, 1.0], [0.0, 1e-9], [0.0, 0.0]]))
-    >>> bool(np.allclose(found.T @ found, np.eye(2))), float(np.abs(found[2]).max())
-    (True, 0.0)
-    """
-    for _ in range(PASSES):
-        length = np.sqrt(np.einsum("ni,ni->i", block, block))
-        block = block / np.where(length > 0.0, length, 1.0)
-        gram = block.T @ block
-        if np.abs(gram - np.eye(len(gram))).max(initial=0.0) <= ORTHONORMAL:
-            break
-        values, turn = np.linalg.eigh(gram)
-        block = block @ (turn / np.sqrt(np.maximum(values, GRAM_FLOOR * values[-1])))
-    return np.asarray(block)
-
-
-def _values_on(image: Floats, block: Floats) -> LowSpectrum:
-    """Singular values of a matrix on an orthonormal block, rising, from its image of the block.
-
-    The Gram matrix of the image knows values down to the root of rounding against the largest.
-    What lies deeper is taken again by itself, so that zeros come out as rounding.
-    """
-    values, vectors = [np.empty(0)], [block[:, :0]]
-    while image.shape[1]:
-        squares, turn = np.linalg.eigh(image.T @ image)
-        image, block = image @ turn, block @ turn
-        known = squares >= KNOWN * max(squares[-1], 0.0)
-        values.insert(0, np.sqrt(np.maximum(squares[known], 0.0)))
-        vectors.insert(0, block[:, known])
-        image, block = image[:, ~known], block[:, ~known]
-    return LowSpectrum(np.concatenate(values), np.column_stack(vectors))
-
-
-def _dense_spectrum(matrix: Floats) -> LowSpectrum:
-    """All singular values and vectors."""
-    missing = max(matrix.shape[1] - matrix.shape[0], 0)
-    padded = np.vstack([matrix, np.zeros((missing, matrix.shape[1]))])
-    _, values, vectors = np.linalg.svd(padded, full_matrices=False)
-    return LowSpectrum(values[::-1].copy(), np.asarray(vectors[::-1].T))
+        return np.asarray(x + self._factor.solve(rhs - self._matrix.times(x)))

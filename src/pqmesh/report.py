@@ -21,8 +21,11 @@ from pqmesh.network.principal import Inside
 from pqmesh.network.region import PlanOutline, region_samples
 from pqmesh.offset.offsets import Layer
 from pqmesh.offset.support import SupportStructure
+from pqmesh.optimize.outlook import Outlook, outlook
 from pqmesh.optimize.solver import Solution
+from pqmesh.optimize.worst import worst_places
 from pqmesh.report_mesh import SCHEMA, all_measures, judged, mesh_counts
+from pqmesh.report_outlook import outlook_keys, worst_keys
 from pqmesh.report_words import roof_warnings
 from pqmesh.surface.base import Surface
 from pqmesh.surface.curvature import first_form
@@ -75,9 +78,17 @@ def panelization_report(
         "layers": [_layer(layer) for layer in result.layers],
         "support": _support(result.support),
         "panels": _panels(result),
+        "outlook": outlook_keys(
+            outlook(result.spec.kind, result.start, boundary=result.spec.boundary), origin
+        ),
+        "worst": worst_keys(
+            worst_places(result.spec.kind, result.start, mesh, result.solution, reference, origin)
+        ),
         "solver": solver_report(result.solution),
         "warnings": [*notes, *result.notes, *roof_warnings(result, origin)],
     }
+    if not result.solution.converged:
+        report["warnings"] += report["outlook"]["advice"]
     report["tolerance"] = _tolerance(report, design.tolerances)
     return report
 
@@ -93,8 +104,9 @@ def optimization_report(
     units: str,
     flat: float,
     within: float | None = None,
+    seen: Outlook | None = None,
 ) -> dict[str, Any]:
-    """Report of `optimize`: the same keys where they exist."""
+    """Report of `optimize`: the same keys where they exist; `seen` is the start's outlook."""
     report: dict[str, Any] = {
         "schema": SCHEMA,
         "version": pqmesh.__version__,
@@ -105,6 +117,8 @@ def optimization_report(
         "before": all_measures(start, kind),
         "after": all_measures(mesh, kind, solution.blocks.get("image")),
         "deviation": deviation(start, mesh, reference),
+        "outlook": outlook_keys(seen or outlook(kind, start)),
+        "worst": worst_keys(worst_places(kind, start, mesh, solution, reference)),
         "solver": solver_report(solution),
     }
     asked: dict[str, float] = {"planar": flat}

@@ -24,7 +24,7 @@ MEASURES = (
 # The key tree of the contract; further keys are allowed.
 REPORT = {
     "": "schema version units kind input design seed orientation mesh before after deviation "
-    "layers support panels tolerance solver timing warnings",
+    "outlook worst layers support panels tolerance solver timing warnings",
     "mesh": "vertices faces edges boundary_loops irregular_vertices euler_characteristic",
     "before": MEASURES,
     "after": MEASURES,

@@ -30,7 +30,7 @@ BAD_GROUP = {
     "joined_tetrahedra.obj": "at most two faces; edge 0-1 has 4",
 }
 CHECK = (
-    "schema version input units tolerance mesh measures planar circular conical edge_offset "
+    "schema version input units tolerance mesh measures planar circular conical edge_offset lines "
     "parallel_dimension parallel_gap vertex_types offsets problems"
 )
 
@@ -173,7 +173,8 @@ def test_optimize_writes_a_mesh_of_the_kind_and_a_report_of_it(
     result = pqmesh("optimize", wavy, "-o", "out.ply", "--kind", kind, "--report", "out.json")
     assert result.code == 0, result.err
     report = json.loads((tmp_path / "out.json").read_text())
-    keys = "schema version units kind input mesh before after deviation solver tolerance"
+    keys = "schema version units kind input mesh before after deviation outlook worst solver "
+    keys += "tolerance"
     assert set(keys.split()) <= set(report)
     assert (report["kind"], report["input"]) == (kind, "wavy.obj")
     start, moved = read_quad_mesh(wavy), read_quad_mesh(tmp_path / "out.ply")
@@ -222,6 +223,39 @@ def test_edge_offset_is_found_where_there_is_one_and_judged_where_not(
 def test_edge_offset_holds_no_rim(refused: Refused, wavy: Path) -> None:
     options = ["-o", "out.obj", "--kind", "edge-offset", "--boundary", "fixed"]
     assert "free boundary; found --boundary fixed" in refused("optimize", wavy, *options)
+
+
+def test_optimize_says_what_stands_against_it_and_where_it_is_worst(
+    pqmesh: Command, tmp_path: Path
+) -> None:
+    rulings = np.array([[x, y, 0.1 * x * y] for x in range(9) for y in range(9)], dtype=float)
+    faces = [[9 * i + j, 9 * i + 9 + j, 9 * i + 10 + j, 9 * i + 1 + j]
+             for i in range(8) for j in range(8)]  # fmt: skip
+    write_mesh(QuadMesh.of(rulings, faces), tmp_path / "hypar.obj")
+    options = ["-o", "out.obj", "--kind", "planar", "--boundary", "fixed", "--report", "out.json"]
+    result = pqmesh("optimize", "hypar.obj", *options)
+    assert result.code == 3
+    before, after = result.err.split("optimize ...")
+    assert "note: The lines are asymptotic: both families" in before
+    assert "pqmesh panelize --network principal" in before
+    assert "note: the goal planarity is farthest off" in after
+    assert "note: worst planarity is" in after
+    report = json.loads((tmp_path / "out.json").read_text())
+    assert report["outlook"]["verdict"] == "asymptotic"
+    assert report["outlook"]["regions"][0]["asymptotic_share"] > 0.9
+    assert report["outlook"]["advice"][0] in before
+    worst = report["worst"]["faces"][0]
+    moved = read_quad_mesh(tmp_path / "out.obj")
+    assert (worst["measure"], worst["face"]) == ("planarity", int(planarity(moved).argmax()))
+    assert worst["at"] == pytest.approx(moved.face_centers[worst["face"]].tolist())
+
+
+def test_optimize_says_nothing_of_a_net_that_is_fit(pqmesh: Command, tmp_path: Path) -> None:
+    profile = [[2.0, 0.0], [2.4, 0.5], [2.5, 1.2], [2.3, 1.8]]
+    write_mesh(rotational_mesh(profile, 0.3 * np.arange(6)), tmp_path / "ring.obj")
+    result = pqmesh("optimize", "ring.obj", "-o", "out.obj")
+    assert result.code == 0
+    assert "note" not in result.err
 
 
 @pytest.mark.parametrize("boundary", ["fixed", "glide"])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.sparse import block_diag, csr_array, random_array
 
-from pqmesh.linear import low_spectrum, orthonormal
+from pqmesh.spectrum import low_spectrum, orthonormal
 
 
 def with_zeros(zeros, size=500, seed=0):

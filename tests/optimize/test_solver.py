@@ -61,9 +61,9 @@ def visited(monkeypatch):
     places = []
     offer = Best.offer
 
-    def recorded(self, blocks, goals):
+    def recorded(self, blocks, goals, values):
         places.append(blocks["vertices"].copy())
-        offer(self, blocks, goals)
+        offer(self, blocks, goals, values)
 
     monkeypatch.setattr(Best, "offer", recorded)
     return places

@@ -304,11 +304,9 @@ class _Search:
         lengths = np.repeat(
             [self.mesh.mean_edge_length, self.image.mean_edge_length], 3 * (size // 2)
         )
-        values[self.assembly.pattern.diagonal] += damping / (lengths**2 * size)
+        self.assembly.add_diagonal(values, (damping / (lengths**2 * size)).reshape(-1, 3))
         try:
-            step = self.assembly.pattern.factor(values).solve(
-                self.assembly.descent(parts, residuals)
-            )
+            step = self.assembly.factor(values).solve(self.assembly.descent(parts, residuals))
         except ArithmeticError:
             return None
         return step if np.isfinite(step).all() else None
@@ -325,8 +323,7 @@ class _Search:
         mesh = parallel_member(image, blocks["vertices"])
         faces, edges = self.guard.broken(mesh.vertices)
         if faces.any() or edges.any():
-            around = edges[self.mesh.topology.face_edges].reshape(-1, 4)
-            return None, faces | around.any(axis=1)
+            return None, faces | self.guard.beside(edges)
         found = {"vertices": mesh.vertices, "image": image.vertices}
         goals = tuple(
             replace(goal, term=goal.term.refreshed(found))

@@ -17,11 +17,12 @@ from scipy.linalg import qr
 from scipy.sparse import coo_array
 
 from pqmesh.errors import MeshError
-from pqmesh.linear import LowSpectrum, SymmetricPattern, low_spectrum, orthonormal
+from pqmesh.linear import SymmetricPattern
 from pqmesh.mesh.loops import SpanningForest, open_loops, spanning_forest
 from pqmesh.mesh.measure import planarity
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.mesh.topology import Topology
+from pqmesh.spectrum import LowSpectrum, low_spectrum, orthonormal
 from pqmesh.vectors import Floats, Indices, dot, norm, read_only
 
 # Edges below this share of the mean have no direction.

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from pqmesh.errors import MeshError
-from pqmesh.linear import low_spectrum
 from pqmesh.mesh.measure import circularity_defect, fitted_cones, planarity
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.offset.parallel import ZERO_BAND, ZERO_FLOOR, check_edges
@@ -19,6 +18,7 @@ from pqmesh.offset.vectors import (
     starts_by_closing,
     vertex_offset_vectors,
 )
+from pqmesh.spectrum import low_spectrum
 from pqmesh.vectors import Floats, cross, dot, norm
 
 # A start vector of reflections that meets an edge at less than this sine collapses it.

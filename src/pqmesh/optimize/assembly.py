@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 
-from pqmesh.linear import SymmetricPattern
-from pqmesh.mesh.quadmesh import QuadMesh
-from pqmesh.optimize.problem import Goal, Problem
+from pqmesh.linear import BlockPattern, Factor
+from pqmesh.mesh.quadmesh import PolyMesh
+from pqmesh.optimize.problem import Goal, Linear, Problem, gathered
 from pqmesh.vectors import Floats, Indices
-
-# Corners of a quad relative to their mean, as a 12 x 12 projection: what a brake resists.
-_DEFORMATION = np.kron(np.eye(4) - 0.25, np.eye(3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,24 +20,18 @@ class Part:
     scale: float
     jacobian: Floats
 
-    @property
-    def flat(self) -> Floats:
-        """Jacobian of shape (m, r, 3k)."""
-        m, r, k, _ = self.jacobian.shape
-        return self.jacobian.reshape(m, r, 3 * k)
-
 
 class Assembly:
-    """Columns, pattern and normal equations.
+    """Columns, pattern and normal equations; what does not change is worked out once.
 
     Parameters
     ----------
     problem : Problem
-    mesh : QuadMesh
+    mesh : PolyMesh
         Its faces are where brakes act.
     """
 
-    def __init__(self, problem: Problem, mesh: QuadMesh) -> None:
+    def __init__(self, problem: Problem, mesh: PolyMesh) -> None:
         names = list(problem.blocks)
         sizes = [len(problem.blocks[name]) for name in names]
         self.first = dict(zip(names, np.cumsum([0, *sizes[:-1]]).tolist(), strict=True))
@@ -47,32 +39,40 @@ class Assembly:
         for name, mask in problem.fixed.items():
             free[self.first[name] : self.first[name] + len(mask)] = ~mask
         self.free = free
-        # Fixed rows get the column past the last, which is cut off.
+        # Free rows are counted, fixed ones are -1: they have no column.
+        row = np.where(free, np.cumsum(free) - 1, -1)
         self.size = 3 * int(free.sum())
-        row_column = np.where(free, np.cumsum(free) - 1, int(free.sum()))
-        self.columns = [self._columns(goal, row_column) for goal in problem.goals]
-        corners = row_column[self.first["vertices"] + mesh.faces]
-        self.brake_stiffness = 1.0 / (mesh.mean_edge_length**2 * len(mesh.faces))
-        rows, columns, self.slots = [], [], []
-        for table in [*self.columns, _table(corners)]:
-            k = table.shape[1]
-            row = np.repeat(table[:, :, None], k, axis=2)
-            column = np.repeat(table[:, None, :], k, axis=1)
-            kept = (row < self.size) & (column < self.size)
-            self.slots.append(kept)
-            rows.append(row[kept])
-            columns.append(column[kept])
-        diagonal = np.arange(self.size)
-        self.pattern = SymmetricPattern(
-            np.concatenate([*rows, diagonal]), np.concatenate([*columns, diagonal]), self.size
-        )
-
-    def _columns(self, goal: Goal, row_column: Indices) -> Indices:
-        """Columns (m, 3k) of each element of a goal."""
-        rows = [
-            row_column[self.first[name] + stencil] for name, stencil in goal.term.stencils.items()
+        self._elements = [
+            _Elements(self._rows(goal, row), self.size // 3) for goal in problem.goals
         ]
-        return _table(np.concatenate(rows, axis=1))
+        faces = _faces_by_size(mesh)
+        self._brakes = [
+            _Elements(row[self.first["vertices"] + corners], self.size // 3) for _, corners in faces
+        ]
+        self._braked = [rows for rows, _ in faces]
+        self._stiffness = 1.0 / (mesh.mean_edge_length**2 * max(mesh.topology.n_faces, 1))
+        every = [*self._elements, *self._brakes]
+        self.pattern = BlockPattern(
+            np.concatenate([elements.pair_rows for elements in every]),
+            np.concatenate([elements.pair_columns for elements in every]),
+            self.size // 3,
+        )
+        ends = np.cumsum([len(elements.pair_rows) for elements in every])
+        for elements, place in zip(every, np.split(self.pattern.place, ends[:-1]), strict=True):
+            elements.put_at(place, self.pattern.count)
+        # Jacobians that never change are added up once, for a weight of 1.
+        self._constant = {
+            index: self._elements[index].constant(
+                goal.term.evaluate(gathered(goal.term, problem.blocks))[1]
+            )
+            for index, goal in enumerate(problem.goals)
+            if isinstance(goal.term, Linear) and not goal.slack
+        }
+
+    def _rows(self, goal: Goal, row: Indices) -> Indices:
+        """Free rows (m, k) of each element of a goal, -1 where fixed."""
+        rows = [row[self.first[name] + stencil] for name, stencil in goal.term.stencils.items()]
+        return np.concatenate(rows, axis=1)
 
     def moved(self, blocks: dict[str, Floats], step: Floats) -> dict[str, Floats]:
         """Blocks after a step of the free rows."""
@@ -84,33 +84,132 @@ class Assembly:
         }
 
     def matrix(self, parts: list[Part], damping: float, brakes: Floats) -> Floats:
-        """Stored values of the matrix of the normal equations.
+        """Blocks (n, 3, 3) of the matrix of the normal equations.
 
         `damping` is a share of the diagonal; `brakes` (F,) resist the deformation of single
         faces, 1 being as stiff as a hard goal of weight 1.
         """
-        contributions = []
-        for part, kept in zip(parts, self.slots, strict=False):
-            flat = part.flat
-            contributions.append(np.matmul(part.scale * flat.transpose(0, 2, 1), flat)[kept])
-        stiff = (self.brake_stiffness * brakes)[:, None, None] * _DEFORMATION
-        contributions += [stiff[self.slots[-1]], np.zeros(self.size)]
-        values = self.pattern.values(np.concatenate(contributions))
-        diagonal = values[self.pattern.diagonal]
-        values[self.pattern.diagonal] += damping * np.maximum(diagonal, 1e-12 * diagonal.max())
-        return values
+        values = np.zeros((self.pattern.count, 9))
+        for index, (part, elements) in enumerate(zip(parts, self._elements, strict=True)):
+            if index in self._constant:
+                slots, blocks = self._constant[index]
+                values[slots] += part.scale * blocks
+            else:
+                elements.add_squares(values, part.jacobian, part.scale)
+        for elements, rows in zip(self._brakes, self._braked, strict=True):
+            if brakes[rows].any():
+                elements.add_stiffness(values, self._stiffness * brakes[rows])
+        diagonal = values[self.pattern.diagonal][:, [0, 4, 8]]
+        floor = 1e-12 * diagonal.max(initial=0.0)
+        self.add_diagonal(values, damping * np.maximum(diagonal, floor))
+        return values.reshape(-1, 3, 3)
+
+    def add_diagonal(self, values: Floats, amounts: Floats) -> None:
+        """Add amounts (n, 3) to the diagonal of a matrix."""
+        flat = values.reshape(-1, 9)
+        for axis in range(3):
+            flat[self.pattern.diagonal, 4 * axis] += amounts[:, axis]
+
+    def factor(self, values: Floats) -> Factor:
+        """Factor of a matrix; raises ArithmeticError where it is singular."""
+        return self.pattern.factor(values)
 
     def descent(self, parts: list[Part], residuals: list[Floats]) -> Floats:
         """Right-hand side of the normal equations for residuals (m, r) of each goal."""
-        rhs = np.zeros(self.size + 3)
-        for part, residual, table in zip(parts, residuals, self.columns, strict=True):
-            slope = part.scale * np.einsum("mrk,mr->mk", part.flat, residual)
-            rhs -= np.bincount(
-                np.minimum(table, self.size).ravel(), slope.ravel(), minlength=self.size + 3
-            )
-        return rhs[: self.size]
+        rhs = np.zeros((self.size // 3, 3))
+        for part, residual, elements in zip(parts, residuals, self._elements, strict=True):
+            elements.subtract_slope(rhs, part.jacobian, part.scale * residual)
+        return rhs.ravel()
+
+    def changes(self, parts: list[Part], step: Floats) -> list[Floats]:
+        """Linear change (m, r) of the residuals of each goal by a step of the free rows."""
+        rows = np.concatenate([step.reshape(-1, 3), np.zeros((1, 3))])
+        return [
+            np.einsum("mrki,mki->mr", part.jacobian, rows[elements.rows])
+            for part, elements in zip(parts, self._elements, strict=True)
+        ]
 
 
-def _table(rows: Indices) -> Indices:
-    """Columns (m, 3k) of the coordinates of rows (m, k)."""
-    return np.asarray((3 * rows[:, :, None] + np.arange(3)).reshape(len(rows), 3 * rows.shape[1]))
+class _Elements:
+    """Where m elements of k rows each put their squares and slopes.
+
+    Attributes
+    ----------
+    rows : (m, k)
+        Free rows, -1 where fixed.
+    pair_rows, pair_columns : (N,)
+        Blocks on or below the diagonal that the free rows of the elements meet in.
+    """
+
+    def __init__(self, rows: Indices, n_rows: int) -> None:
+        self.rows, (m, k) = rows, rows.shape
+        # From the last row to the first, so that every pair lies below the diagonal.
+        self._turn = np.argsort(-rows, axis=1, kind="stable")
+        falling = np.take_along_axis(rows, self._turn, axis=1)
+        self._first, self._second = np.triu_indices(k)
+        pair_rows, pair_columns = falling[:, self._first], falling[:, self._second]
+        self._kept = np.flatnonzero(pair_columns.ravel() >= 0)
+        self.pair_rows = pair_rows.ravel()[self._kept]
+        self.pair_columns = pair_columns.ravel()[self._kept]
+        twice = (pair_rows == pair_columns) & (self._first != self._second) & (pair_columns >= 0)
+        # A row that an element reads twice meets itself in both orders.
+        self._twice = np.flatnonzero(twice.ravel())
+        kept = np.flatnonzero(rows.ravel() >= 0)
+        self._slopes = _summing(rows.ravel()[kept], kept, (n_rows, m * k))
+
+    def put_at(self, place: Indices, count: int) -> None:
+        """Fix the stored block of each pair."""
+        shape = (count, len(self.rows) * len(self._first))
+        self._squares = _summing(place, self._kept, shape)
+
+    def add_squares(self, values: Floats, jacobian: Floats, scale: float) -> None:
+        """Add scale J'J to blocks (n, 9)."""
+        if len(self.rows):
+            values += self._squares @ self._products(jacobian, scale)
+
+    def constant(self, jacobian: Floats) -> tuple[Indices, Floats]:
+        """Blocks that J'J meets, and what it adds to each."""
+        slots = np.flatnonzero(np.diff(self._squares.indptr))
+        return slots, self._squares[slots] @ self._products(jacobian, 1.0)
+
+    def _products(self, jacobian: Floats, scale: float) -> Floats:
+        """Blocks J_a' J_b (m * pairs, 9) of each element."""
+        turned = np.take_along_axis(jacobian, self._turn[:, None, :, None], axis=2)
+        total = np.zeros((len(turned), len(self._first), 3, 3))
+        for residual in range(turned.shape[1]):
+            one = turned[:, residual]
+            total += (scale * one)[:, self._first, :, None] * one[:, self._second, None, :]
+        flat = total.reshape(-1, 3, 3)
+        if len(self._twice):
+            flat[self._twice] += flat[self._twice].transpose(0, 2, 1)
+        return flat.reshape(-1, 9)
+
+    def add_stiffness(self, values: Floats, stiffness: Floats) -> None:
+        """Resist the deformation of each element: its rows relative to their mean."""
+        k = self.rows.shape[1]
+        share = np.where(self._first == self._second, 1.0, 0.0) - 1.0 / k
+        sums = self._squares @ (stiffness[:, None] * share).ravel()
+        for axis in range(3):
+            values[:, 4 * axis] += sums
+
+    def subtract_slope(self, rhs: Floats, jacobian: Floats, residual: Floats) -> None:
+        """Subtract J'r from rows (n, 3)."""
+        if len(self.rows):
+            slope = np.einsum("mrki,mr->mki", jacobian, residual)
+            rhs -= self._slopes @ slope.reshape(-1, 3)
+
+
+def _summing(target: Indices, source: Indices, shape: tuple[int, int]) -> csr_array:
+    """Matrix that adds up sources at their targets."""
+    return csr_array((np.ones(len(source)), (target, source)), shape=shape)
+
+
+def _faces_by_size(mesh: PolyMesh) -> list[tuple[Indices, Indices]]:
+    """Faces of each size: their numbers (n,) and corners (n, k)."""
+    topology = mesh.topology
+    groups = []
+    for size in np.unique(topology.face_sizes):
+        rows = np.flatnonzero(topology.face_sizes == size)
+        corners = topology.indices[topology.offsets[rows][:, None] + np.arange(size)]
+        groups.append((rows, corners))
+    return groups

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pqmesh.optimize.guard import Guard
-from pqmesh.optimize.problem import Goal, gathered
+from pqmesh.optimize.problem import Goal
 from pqmesh.vectors import Floats, norm
 
 
@@ -52,12 +52,16 @@ class Best:
         self.residuals: dict[str, float] = {}
         self.history: list[float] = []
 
-    def offer(self, blocks: dict[str, Floats], goals: tuple[Goal, ...]) -> None:
+    def offer(
+        self,
+        blocks: dict[str, Floats],
+        goals: tuple[Goal, ...],
+        values: tuple[tuple[Floats, Floats], ...],
+    ) -> None:
         """Take the unknowns if they are better, or as good and later."""
         residuals, excess = {}, 0.0
-        for goal in goals:
+        for goal, (value, _) in zip(goals, values, strict=True):
             if goal.hard:
-                value = goal.term.evaluate(gathered(goal.term, blocks))[0]
                 residuals[goal.name] = float(np.abs(value).max(initial=0.0))
                 reachable = max(goal.tolerance, self.rounding)
                 beyond = float(np.abs(goal.beyond(value)).max(initial=0.0))

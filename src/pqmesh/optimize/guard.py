@@ -48,6 +48,10 @@ class Guard:
         edges = np.maximum(LEAST_EDGE * lengths.min(), LEAST_OWN_EDGE * lengths)
         return cls(mesh, least, edges, mesh.face_normals)
 
+    def corner_sines(self, vertices: Floats) -> Floats:
+        """Smallest signed sine of each face's corners at the given positions, shape (F,)."""
+        return np.asarray(_corner_sines(vertices[self.mesh.faces]).min(axis=1))
+
     def broken(self, vertices: Floats) -> tuple[Mask, Mask]:
         """Faces (F,) and edges (E,) beyond their limits at the given positions."""
         corners = vertices[self.mesh.faces]
@@ -58,6 +62,13 @@ class Guard:
         ends = vertices[self.mesh.edges]
         edges = norm(ends[:, 1] - ends[:, 0]) < self.least_edge
         return faces, edges
+
+    def beside(self, edges: Mask) -> Mask:
+        """Faces (F,) with an edge among those given (E,)."""
+        topology = self.mesh.topology
+        found = np.zeros(topology.n_faces, dtype=np.bool_)
+        found[topology.corner_faces[edges[topology.face_edges].ravel()]] = True
+        return found
 
 
 def _corner_sines(corners: Floats) -> Floats:

@@ -47,6 +47,16 @@ class Refreshing(Protocol):
         ...
 
 
+@runtime_checkable
+class Linear(Protocol):
+    """A term whose Jacobian never changes."""
+
+    @property
+    def is_linear(self) -> bool:
+        """True; the Jacobian is taken once."""
+        ...
+
+
 @dataclass(frozen=True)
 class Goal:
     """A term with its role in a problem.

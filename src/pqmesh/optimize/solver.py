@@ -20,20 +20,31 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from pqmesh.linear import Factor
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.optimize.assembly import Assembly, Part
 from pqmesh.optimize.ending import Best, Solution, Step, why_stuck
 from pqmesh.optimize.guard import Guard
 from pqmesh.optimize.problem import Goal, Problem, Refreshing, gathered
-from pqmesh.vectors import Floats, Mask, norm
+from pqmesh.vectors import TINY, Floats, Mask, norm
 
 __all__ = ["Solution", "Step", "solve"]
 
-FIRST_PENALTY, LAST_PENALTY, PENALTY_GROWTH = 1e1, 1e8, 10.0
+FIRST_PENALTY, LAST_PENALTY = 1e1, 1e8
+# A start whose hard residuals are below the second number is taken for near: the first penalty is
+# then the first number, and goes back to the ordinary one if the first step shows otherwise.
+NEAR_PENALTY, NEAR = 1e5, 0.02
+# The penalty grows at least by the first factor after a full step; the straighter the hard goals
+# were along it, the more, up to the second: near the solution nothing is gained by small ones.
+LEAST_GROWTH, MOST_GROWTH, BENT = 10.0, 1e5, 0.1
+# Where growth is as large as this, the goals are straight enough to be met exactly in one step:
+# the linearised problem is then solved to so small a share of the residuals, by so many more
+# solutions with the factor at hand.
+STRAIGHT, EXACT, CORRECTIONS = 1e3, 1e-4, 5
 # The soft goals damp the finish where hard goals nearly depend on each other (closed meshes), so
 # there they fade further.
 FINISH_PENALTY = 1e12
@@ -53,25 +64,28 @@ ROUNDINGS, EPSILON = 4.0, float(np.finfo(np.float64).eps)
 
 @dataclass(frozen=True)
 class _State:
-    """Where the iteration stands; brakes (F,) as in `Assembly.matrix`."""
+    """Where the iteration stands; values are (residual, Jacobian) of each goal there."""
 
     blocks: dict[str, Floats]
     goals: tuple[Goal, ...]
+    values: tuple[tuple[Floats, Floats], ...]
     multipliers: dict[str, Floats]
     penalty: float
     damping: float
     brakes: Floats
+    straight: bool = False
     finishing: bool = False
 
 
 def solve(
     problem: Problem,
-    mesh: QuadMesh,
+    mesh: PolyMesh,
     *,
     most_steps: int = 60,
     progress: Callable[[int, Step], None] | None = None,
+    assembly: Assembly | None = None,
 ) -> Solution:
-    """Optimised unknowns of a problem whose block `vertices` is a quad mesh.
+    """Optimised unknowns of a problem whose block `vertices` is a mesh.
 
     Steps are shortened until no face breaks (`Guard`) and the merit falls; the damping rises
     when that fails. Ending without convergence is an answer, not an error.
@@ -79,37 +93,44 @@ def solve(
     Parameters
     ----------
     problem : Problem
-    mesh : QuadMesh
+    mesh : PolyMesh
         The start; its faces and edges are guarded.
     most_steps : int
     progress : callable, optional
         Called after each step.
+    assembly : Assembly, optional
+        Of a problem with the same stencils, fixed rows and linear terms: the work on the pattern
+        is not done again.
 
     References: [thesis] section 6.1 with errata E4, E32.
     """
     guard = Guard.of(mesh)
-    assembly = Assembly(problem, mesh)
+    assembly = assembly or Assembly(problem, mesh)
+    length = mesh.mean_edge_length
     blocks = {name: np.array(block) for name, block in problem.blocks.items()}
     brakes = np.zeros(mesh.topology.n_faces)
-    state = _State(blocks, problem.goals, {}, FIRST_PENALTY, 1e-9, brakes)
-    best = Best(ROUNDINGS * EPSILON * np.abs(mesh.vertices).max() / mesh.mean_edge_length)
+    values = _evaluated(problem.goals, blocks)
+    near = _hardest(problem.goals, values) < NEAR
+    penalty = NEAR_PENALTY if near else FIRST_PENALTY
+    state = _State(blocks, problem.goals, values, {}, penalty, 1e-9, brakes, near)
+    best = Best(ROUNDINGS * EPSILON * np.abs(mesh.vertices).max() / length)
     steps: list[Step] = []
-    best.offer(state.blocks, state.goals)
+    best.offer(state.blocks, state.goals, state.values)
     if assembly.size == 0:
         return best.solution((), "every vertex is fixed")
     for number in range(most_steps):
-        state, step = _advance(state, assembly, guard, mesh.mean_edge_length)
+        state, step = _advance(state, assembly, guard, length)
         if step is None:
             return best.solution(tuple(steps), why_stuck(guard, state.blocks["vertices"]))
         steps.append(step)
-        best.offer(state.blocks, state.goals)
+        best.offer(state.blocks, state.goals, state.values)
         if progress is not None:
             progress(number, step)
         if best.settled(steps):
             return best.solution(tuple(steps), "hard goals reached and nothing moves any more")
         if best.stuck(steps):
             return best.solution(tuple(steps), why_stuck(guard, state.blocks["vertices"]))
-        if state.finishing and best.stalled(4 if state.penalty >= FINISH_PENALTY else PATIENCE):
+        if state.finishing and best.stalled(4 if step.penalty >= FINISH_PENALTY else PATIENCE):
             return best.solution(tuple(steps), best.at_rest())
         # The descent may also go in circles where the normals of a faceted reference jump.
         if not state.finishing and (step.penalty >= LAST_PENALTY or best.stalled(PATIENCE)):
@@ -118,18 +139,35 @@ def solve(
     return best.solution(tuple(steps), f"stopped after {most_steps} steps")
 
 
+def _hardest(goals: tuple[Goal, ...], values: tuple[tuple[Floats, Floats], ...]) -> float:
+    """Largest residual of a hard goal beyond its slack."""
+    return max(
+        (
+            float(np.abs(goal.beyond(residual)).max(initial=0.0))
+            for goal, (residual, _) in zip(goals, values, strict=True)
+            if goal.hard
+        ),
+        default=0.0,
+    )
+
+
+def _evaluated(
+    goals: tuple[Goal, ...], blocks: dict[str, Floats]
+) -> tuple[tuple[Floats, Floats], ...]:
+    """Residual and Jacobian of every goal."""
+    return tuple(goal.term.evaluate(gathered(goal.term, blocks)) for goal in goals)
+
+
 def _advance(
     state: _State, assembly: Assembly, guard: Guard, length: float
 ) -> tuple[_State, Step | None]:
     """One accepted step, or None when even tiny ones break a face or raise the merit."""
     if not state.finishing:
-        refreshed = tuple(_refreshed(goal, state.blocks) for goal in state.goals)
-        state = replace(state, goals=refreshed)
-    evaluated = [goal.term.evaluate(gathered(goal.term, state.blocks)) for goal in state.goals]
-    residuals = _shifted(state, [residual for residual, _ in evaluated])
+        state = _refreshed(state)
+    residuals = _shifted(state, state.values)
     parts = [
         Part(_scale(state, goal, len(residual)), _active(goal, residual, jacobian))
-        for goal, residual, (_, jacobian) in zip(state.goals, residuals, evaluated, strict=True)
+        for goal, residual, (_, jacobian) in zip(state.goals, residuals, state.values, strict=True)
     ]
     here = _Place(state, assembly, guard, length, parts, _merit(parts, residuals))
     rhs, damping = assembly.descent(parts, residuals), state.damping
@@ -137,7 +175,7 @@ def _advance(
     brakes[brakes < LAST_BRAKE] = 0.0
     for _ in range(14):
         try:
-            factor = assembly.pattern.factor(assembly.matrix(parts, damping, brakes))
+            factor = assembly.factor(assembly.matrix(parts, damping, brakes))
             direction = factor.solve(rhs)
         except ArithmeticError:
             damping = max(10.0 * damping, 1e-8)
@@ -145,18 +183,30 @@ def _advance(
         if not np.isfinite(direction).all():
             damping = max(10.0 * damping, 1e-8)
             continue
+        if state.straight or state.finishing:
+            here, direction = here.sharpened(direction, factor)
         taken = here.line_search(direction, factor)
-        short = taken is None or taken[1] < here.whole(direction)
-        blocking = here.blocking(direction)
-        if short and tries and blocking.any():
+        short = taken is None or taken.share < here.whole(direction)
+        blocking = here.blocking(direction) if short and tries else None
+        if blocking is not None and blocking.any():
             tries -= 1
             stiffer = np.maximum(BRAKE_GROWTH * brakes, FIRST_BRAKE)
             brakes = np.where(blocking, stiffer, brakes)
         elif taken is not None:
-            return _updated(replace(state, brakes=brakes), *taken, damping, length)
+            growth = here.growth(direction, taken)
+            return _updated(replace(here.state, brakes=brakes), taken, damping, growth, length)
         else:
             damping = max(30.0 * damping, 1e-6)
     return replace(state, damping=damping), None
+
+
+class _Taken(NamedTuple):
+    """A step that may be taken: where it leads, what the goals are there, the share of it."""
+
+    blocks: dict[str, Floats]
+    values: tuple[tuple[Floats, Floats], ...]
+    share: float
+    bent: bool = False
 
 
 @dataclass(frozen=True)
@@ -170,10 +220,8 @@ class _Place:
     parts: list[Part]
     merit: float
 
-    def line_search(
-        self, direction: Floats, factor: Factor
-    ) -> tuple[dict[str, Floats], float] | None:
-        """Blocks after the longest share of the step that keeps faces valid and lowers the merit.
+    def line_search(self, direction: Floats, factor: Factor) -> _Taken | None:
+        """The longest share of the step that keeps faces valid and lowers the merit.
 
         Where a full step fails for the curvature of the hard goals alone, it is bent back to
         them once with the factor at hand (second-order correction) before it is shortened.
@@ -181,20 +229,76 @@ class _Place:
         share, longest = self.whole(direction), self._longest(direction)
         for _ in range(7):
             blocks = self.assembly.moved(self.state.blocks, share * direction)
-            residuals = self._residuals(blocks)
-            if residuals is not None:
+            values = self._values(blocks)
+            if values is not None:
                 # Near the end the merit is flat to rounding: a tiny step is taken as it is.
-                if self._lower(residuals) or share * longest < 1e-9 * self.length:
-                    return blocks, share
+                if self._lower(values) or share * longest < 1e-9 * self.length:
+                    return _Taken(blocks, values, share)
                 if share == 1.0:
+                    residuals = _shifted(self.state, values)
                     bent = factor.solve(self.assembly.descent(self.parts, residuals))
                     if np.isfinite(bent).all():
                         blocks = self.assembly.moved(blocks, bent)
-                        residuals = self._residuals(blocks)
-                        if residuals is not None and self._lower(residuals):
-                            return blocks, share
+                        values = self._values(blocks)
+                        if values is not None and self._lower(values):
+                            return _Taken(blocks, values, share, bent=True)
             share *= 0.5
         return None
+
+    def sharpened(self, direction: Floats, factor: Factor) -> tuple[_Place, Floats]:
+        """The step that meets the linearised hard goals, and the place with its multipliers.
+
+        A penalty leaves a share of each residual; the multiplier that the share stands for is
+        added, and the step solved again with the factor at hand, until hardly any is left.
+        """
+        goals = self.state.goals
+        old = [goal.beyond(value) for goal, (value, _) in zip(goals, self.state.values, strict=True)]
+        first = max((float(np.abs(r).max(initial=0.0)) for g, r in zip(goals, old, strict=True) if g.hard), default=0.0)
+        total = [np.zeros_like(residual) for residual in old]
+        before = first
+        for _ in range(CORRECTIONS):
+            changes = self.assembly.changes(self.parts, direction)
+            left = [
+                residual + change if goal.hard else np.zeros_like(residual)
+                for goal, residual, change in zip(goals, old, changes, strict=True)
+            ]
+            worst = max(float(np.abs(rest).max(initial=0.0)) for rest in left)
+            if not EXACT * first < worst < 0.5 * before:
+                break
+            correction = factor.solve(self.assembly.descent(self.parts, left))
+            if not np.isfinite(correction).all():
+                break
+            direction = direction + correction
+            total = [sum_ + rest for sum_, rest in zip(total, left, strict=True)]
+            before = worst
+        if self.state.finishing:
+            return self, direction
+        multipliers = {
+            goal.name: self.state.multipliers.get(goal.name, 0.0) + self.state.penalty * shift
+            for goal, shift in zip(goals, total, strict=True)
+            if goal.hard
+        }
+        state = replace(self.state, multipliers=multipliers)
+        merit = _merit(self.parts, _shifted(state, state.values))
+        return replace(self, state=state, merit=merit), direction
+
+    def growth(self, direction: Floats, taken: _Taken) -> float:
+        """Factor for the penalty after a step: large where the hard goals were nearly straight."""
+        if taken.share < 1.0:
+            return 1.0
+        if taken.bent:
+            return LEAST_GROWTH
+        bend = before = 0.0
+        changes = self.assembly.changes(self.parts, direction)
+        at, after = self.state.values, taken.values
+        for goal, change, (old, _), (new, _) in zip(
+            self.state.goals, changes, at, after, strict=True
+        ):
+            if goal.hard:
+                bend = max(bend, float(np.abs(new - old - change).max(initial=0.0)))
+                before = max(before, float(np.abs(old).max(initial=0.0)))
+        straight = BENT * before / max(bend, TINY)
+        return min(max(straight, LEAST_GROWTH), MOST_GROWTH)
 
     def whole(self, direction: Floats) -> float:
         """Share of the step at which a vertex moves as far as it may, at most 1."""
@@ -205,8 +309,7 @@ class _Place:
         step = self.whole(direction) * direction
         blocks = self.assembly.moved(self.state.blocks, step)
         faces, edges = self.guard.broken(blocks["vertices"])
-        around = edges[self.guard.mesh.topology.face_edges].reshape(-1, 4)
-        return np.asarray(faces | around.any(axis=1))
+        return np.asarray(faces | self.guard.beside(edges))
 
     def _longest(self, direction: Floats) -> float:
         """Longest move of a vertex, model unit."""
@@ -215,18 +318,17 @@ class _Place:
         )
         return float(norm(moves["vertices"]).max(initial=0.0))
 
-    def _residuals(self, blocks: dict[str, Floats]) -> list[Floats] | None:
-        """Residuals with multipliers, None where a face or an edge is broken."""
+    def _values(self, blocks: dict[str, Floats]) -> tuple[tuple[Floats, Floats], ...] | None:
+        """Residuals and Jacobians, None where a face or an edge is broken."""
         faces, edges = self.guard.broken(blocks["vertices"])
         if faces.any() or edges.any():
             return None
-        terms = [goal.term for goal in self.state.goals]
-        return _shifted(self.state, [term.evaluate(gathered(term, blocks))[0] for term in terms])
+        return _evaluated(self.state.goals, blocks)
 
-    def _lower(self, residuals: list[Floats]) -> bool:
+    def _lower(self, values: tuple[tuple[Floats, Floats], ...]) -> bool:
         """Whether the merit falls, rounding allowed for."""
         slack = 1e-12 * abs(self.merit) + 1e-300
-        return _merit(self.parts, residuals) <= self.merit + slack
+        return _merit(self.parts, _shifted(self.state, values)) <= self.merit + slack
 
 
 def _scale(state: _State, goal: Goal, count: int) -> float:
@@ -234,16 +336,17 @@ def _scale(state: _State, goal: Goal, count: int) -> float:
     return goal.weight / max(count, 1) / (1.0 if goal.hard else state.penalty)
 
 
-def _shifted(state: _State, residuals: list[Floats]) -> list[Floats]:
+def _shifted(state: _State, values: tuple[tuple[Floats, Floats], ...]) -> list[Floats]:
     """Residuals, the hard ones shifted by their multipliers; soft ones count no more at last."""
     result = []
-    for goal, residual in zip(state.goals, residuals, strict=True):
+    for goal, (residual, _) in zip(state.goals, values, strict=True):
+        shifted = residual
         if goal.hard:
             shift = state.multipliers.get(goal.name, 0.0) / state.penalty
-            residual = goal.beyond(residual + shift, FINISH_ROOM if state.finishing else 1.0)
+            shifted = goal.beyond(residual + shift, FINISH_ROOM if state.finishing else 1.0)
         elif state.finishing:
-            residual = np.zeros_like(residual)
-        result.append(residual)
+            shifted = np.zeros_like(residual)
+        result.append(shifted)
     return result
 
 
@@ -261,34 +364,46 @@ def _merit(parts: list[Part], residuals: list[Floats]) -> float:
 
 
 def _updated(
-    state: _State, blocks: dict[str, Floats], share: float, damping: float, length: float
+    state: _State, taken: _Taken, damping: float, growth: float, length: float
 ) -> tuple[_State, Step]:
     """State after an accepted step: multipliers, penalty and damping follow."""
-    moved = float(norm(blocks["vertices"] - state.blocks["vertices"]).max(initial=0.0)) / length
+    moves = norm(taken.blocks["vertices"] - state.blocks["vertices"])
     multipliers, hard = dict(state.multipliers), 0.0
-    for goal in state.goals:
+    for goal, (residual, _) in zip(state.goals, taken.values, strict=True):
         if goal.hard:
-            residual = goal.term.evaluate(gathered(goal.term, blocks))[0]
             hard = max(hard, float(np.abs(goal.beyond(residual)).max(initial=0.0)))
             # A short step has not solved the inner problem; its multipliers would mislead.
-            if share == 1.0 and not state.finishing:
+            if taken.share == 1.0 and not state.finishing:
                 shift = multipliers.get(goal.name, 0.0) / state.penalty
                 multipliers[goal.name] = state.penalty * goal.beyond(residual + shift)
     penalty = state.penalty
-    if share == 1.0:
+    if state.straight and growth < LEAST_GROWTH * 10.0 and penalty == NEAR_PENALTY:
+        penalty, multipliers = FIRST_PENALTY, {}
+    elif taken.share == 1.0:
         highest = FINISH_PENALTY if state.finishing else LAST_PENALTY
-        penalty = min(penalty * PENALTY_GROWTH, highest)
+        penalty = min(penalty * growth, highest)
         damping = max(damping * 0.1, 1e-12)
-    elif share < 0.25:
+    elif taken.share < 0.25:
         damping = min(max(damping * 10.0, 1e-8), 1.0)
-    step = Step(hard, moved, share, state.penalty)
+    step = Step(hard, float(moves.max(initial=0.0)) / length, taken.share, state.penalty)
     return replace(
-        state, blocks=blocks, multipliers=multipliers, penalty=penalty, damping=damping
+        state,
+        blocks=taken.blocks,
+        values=taken.values,
+        multipliers=multipliers,
+        penalty=penalty,
+        damping=damping,
+        straight=growth >= STRAIGHT,
     ), step
 
 
-def _refreshed(goal: Goal, blocks: dict[str, Floats]) -> Goal:
-    """The goal with its term brought up to the current unknowns."""
-    if isinstance(goal.term, Refreshing):
-        return replace(goal, term=goal.term.refreshed(blocks))
-    return goal
+def _refreshed(state: _State) -> _State:
+    """The state with terms that follow the unknowns brought up to date."""
+    goals, values = list(state.goals), list(state.values)
+    for index, goal in enumerate(goals):
+        if isinstance(goal.term, Refreshing):
+            term = goal.term.refreshed(state.blocks)
+            if term is not goal.term:
+                goals[index] = replace(goal, term=term)
+                values[index] = term.evaluate(gathered(term, state.blocks))
+    return replace(state, goals=tuple(goals), values=tuple(values))

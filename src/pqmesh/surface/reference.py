@@ -13,6 +13,10 @@ from pqmesh.surface.closest import closest_point
 from pqmesh.vectors import TINY, Floats, cross, dot, norm, unit
 
 
+# A point this close to a triangle, as a share of the largest radius of one, lies on it.
+ON_IT = 1e-14
+
+
 class Reference(Protocol):
     """What the optimiser asks of a surface; an answer may remember where it looked."""
 
@@ -53,13 +57,13 @@ class TriangleReference:
 
     corners: Floats
     _tree: cKDTree = field(init=False, repr=False)
-    _reach: float = field(init=False, repr=False)
+    _radii: Floats = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         centers = self.corners.mean(axis=1)
-        reach = float(norm(self.corners - centers[:, None]).max())
+        radii = norm(self.corners - centers[:, None]).max(axis=1)
         object.__setattr__(self, "_tree", cKDTree(centers))
-        object.__setattr__(self, "_reach", reach)
+        object.__setattr__(self, "_radii", radii)
 
     @classmethod
     def of_polygons(cls, vertices: Floats, faces: list[list[int]]) -> TriangleReference:
@@ -77,17 +81,26 @@ class TriangleReference:
     def closest(self, points: Floats) -> tuple[Floats, Floats, TriangleReference]:
         """Exact closest points: nearest centres first, more of them until none can be missed."""
         n, count = len(points), min(12, len(self.corners))
-        feet, which = np.empty((n, 3)), np.zeros(n, dtype=np.int64)
+        feet, which, gaps = np.empty((n, 3)), np.zeros(n, dtype=np.int64), np.full(n, np.inf)
+        reach = float(self._radii.max())
         open_rows = np.arange(n)
         while len(open_rows):
             found = self._tree.query(points[open_rows], k=count)
             distance, near = (np.asarray(part).reshape(-1, count) for part in found)
-            places = _closest_on_triangles(self.corners[near], points[open_rows][:, None])
-            gaps = norm(places - points[open_rows][:, None])
-            best = gaps.argmin(axis=1)
-            row = np.arange(len(open_rows))
-            feet[open_rows], which[open_rows] = places[row, best], near[row, best]
-            done = gaps[row, best] <= distance[:, -1] - self._reach
+            # A triangle lies within its radius of its centre: most cannot be the nearest.
+            least = distance - self._radii[near]
+            for rank in range(count):
+                gap = gaps[open_rows]
+                chosen = np.flatnonzero((least[:, rank] < gap) & (gap > ON_IT * reach))
+                rows, triangles = open_rows[chosen], near[chosen, rank]
+                places = _closest_on_triangles(self.corners[triangles], points[rows])
+                away = norm(places - points[rows])
+                better = away < gaps[rows]
+                rows = rows[better]
+                feet[rows], which[rows] = places[better], triangles[better]
+                gaps[rows] = away[better]
+            gap = gaps[open_rows]
+            done = (gap <= distance[:, -1] - reach) | (gap <= ON_IT * reach)
             if count == len(self.corners):
                 break
             open_rows, count = open_rows[~done], min(4 * count, len(self.corners))
@@ -98,7 +111,7 @@ class TriangleReference:
         # and the triangle's own normal stays.
         way = points - feet
         length, along = norm(way), dot(way, normals)
-        steady = (np.abs(along) > 0.5 * length) & (length > 1e-9 * self._reach)
+        steady = (np.abs(along) > 0.5 * length) & (length > 1e-9 * reach)
         turned = unit(way) * np.sign(along)[:, None]
         return feet, np.where(steady[:, None], turned, normals), self
 

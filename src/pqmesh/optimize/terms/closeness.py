@@ -7,10 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.optimize.problem import Blocks
 from pqmesh.surface.reference import Reference
 from pqmesh.vectors import TINY, Floats, Indices, dot, norm, unit
+
+# Foot points are looked for again once a vertex has moved by this much, in mean edges: the tangent
+# plane then leaves the surface by at most half its square times the curvature.
+STALE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,16 +26,18 @@ class Closeness:
 
     stencils: Mapping[str, Indices]
     reference: Reference
+    at: Floats
     feet: Floats
     normals: Floats
     length: float
 
     @classmethod
-    def on(cls, mesh: QuadMesh, reference: Reference) -> Closeness:
+    def on(cls, mesh: PolyMesh, reference: Reference) -> Closeness:
         """One element for each vertex."""
         rows = np.arange(mesh.topology.n_vertices)[:, None]
-        feet, normals, reference = reference.closest(mesh.vertices)
-        return cls({"vertices": rows}, reference, feet, normals, mesh.mean_edge_length)
+        at = mesh.vertices
+        feet, normals, reference = reference.closest(at)
+        return cls({"vertices": rows}, reference, at, feet, normals, mesh.mean_edge_length)
 
     def evaluate(self, rows: Floats) -> tuple[Floats, Floats]:
         """Residuals (V, 1) and Jacobian (V, 1, 1, 3)."""
@@ -39,9 +45,12 @@ class Closeness:
         return distance[:, None] / self.length, self.normals[:, None, None] / self.length
 
     def refreshed(self, blocks: Blocks) -> Closeness:
-        """The term with the foot points of the current vertices."""
-        feet, normals, reference = self.reference.closest(blocks["vertices"])
-        return replace(self, reference=reference, feet=feet, normals=normals)
+        """The term with the foot points of the current vertices; itself where they hardly moved."""
+        at = blocks["vertices"]
+        if norm(at - self.at).max(initial=0.0) < STALE * self.length:
+            return self
+        feet, normals, reference = self.reference.closest(at)
+        return replace(self, reference=reference, at=at, feet=feet, normals=normals)
 
 
 @dataclass(frozen=True, eq=False)

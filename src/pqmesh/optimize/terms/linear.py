@@ -27,9 +27,14 @@ class Combination:
     targets: Floats
     length: float
 
+    @property
+    def is_linear(self) -> bool:
+        """The Jacobian is the coefficients."""
+        return True
+
     def evaluate(self, rows: Floats) -> tuple[Floats, Floats]:
         """Residuals (m, 3) and Jacobian (m, 3, k, 3)."""
-        value = np.einsum("k,mki->mi", self.coefficients, rows) - self.targets
+        value = np.tensordot(rows, self.coefficients, (1, 0)) - self.targets
         block = np.einsum("k,ij->ikj", self.coefficients, np.eye(3)) / self.length
         return value / self.length, np.broadcast_to(block, (len(rows), *block.shape))
 
