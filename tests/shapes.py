@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from pqmesh.mesh.exact import grid_faces, grid_mesh
+from pqmesh.mesh.exact import grid_faces, grid_mesh, rotational_mesh
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
-from pqmesh.mesh.topology import Topology
+from pqmesh.mesh.solids import sphere_tangent_mesh
+from pqmesh.mesh.topology import Topology, drop_unused
 
 # --- smooth surfaces --------------------------------------------------------------------------
 
@@ -150,6 +151,58 @@ def polygon_mesh():
     turns = np.arange(10) * 2 * np.pi / 10
     ring = np.column_stack([np.cos(turns), np.sin(turns), np.zeros(10)])
     return PolyMesh.of(np.vstack([np.zeros((1, 3)), ring]), faces)
+
+
+def crown(k=5):
+    """A curved vertex of valence k >= 5: a pentagon, two triangles, and quads around it."""
+    turn = 2 * np.pi * np.arange(k) / k
+    inner = np.column_stack([np.cos(turn), np.sin(turn), np.full(k, -0.3)])
+    outer = 1.9 * np.column_stack([np.cos(turn + np.pi / k), np.sin(turn + np.pi / k),
+                                   np.full(k, -0.6)])  # fmt: skip
+    aside = inner[1] + outer[0] - inner[0]
+    points = np.vstack([np.zeros((1, 3)), inner, outer, aside])
+    faces = [[0, 1, 1 + k, 1 + 2 * k, 2], [0, 2, 3], [0, 3, 4]]
+    faces += [[0, 1 + i, 1 + k + i, 1 + (i + 1) % k] for i in range(3, k)]
+    lists, used = drop_unused(faces, len(points))
+    return PolyMesh.of(points[used], lists)
+
+
+def icosahedron_corners():
+    """The 12 corners of an icosahedron."""
+    g = (1 + 5**0.5) / 2
+    rows = [[0, a, b * g] for a in (-1.0, 1.0) for b in (-1.0, 1.0)]
+    return np.array([np.roll(row, k) for row in rows for k in range(3)])
+
+
+def dodecahedron():
+    """12 pentagons, valence 3, around the unit sphere."""
+    return sphere_tangent_mesh(icosahedron_corners())
+
+
+def football():
+    """12 pentagons and 20 hexagons of a truncated icosahedron, all touching the unit sphere."""
+    corners = icosahedron_corners()
+    return sphere_tangent_mesh(np.vstack([corners, dodecahedron().vertices]))
+
+
+def icosahedron():
+    """20 triangles, valence 5, around the unit sphere."""
+    return sphere_tangent_mesh(dodecahedron().vertices)
+
+
+def lantern(n=12, profile=((1.0, 1.2), (1.5, 0.8), (1.7, 0.2), (1.3, -0.6))):
+    """A closed mesh of revolution: an n-gon on top, quads around, n triangles below.
+
+    Conical and circular: its vertices have valence 3, 4 and n, and faces 3, 4 and n corners.
+    """
+    ring = rotational_mesh(profile, 2 * np.pi / n * np.arange(n), closed=True)
+    loops = sorted(ring.topology.boundary_loops, key=lambda loop: -ring.vertices[loop[0], 2])
+    pole = len(ring.vertices)
+    top = loops[0][::-1].tolist()
+    below = loops[1][::-1].tolist()
+    fan = [[a, b, pole] for a, b in zip(below, below[1:] + below[:1], strict=True)]
+    points = np.vstack([ring.vertices, [[0.0, 0.0, profile[-1][1] - 0.8]]])
+    return PolyMesh.of(points, [*ring.topology.face_lists(), top, *fan])
 
 
 def moebius_strip(n=5):

@@ -20,7 +20,7 @@ from pqmesh.mesh.measure import (
     nonconvex_faces,
     planarity,
 )
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.offset.distances import KINDS
 from pqmesh.offset.parallel import parallel_space
 from pqmesh.offset.spaces import offset_space
@@ -32,13 +32,13 @@ TINY_EDGE = 0.05
 
 
 def check_report(
-    mesh: QuadMesh, *, source: str, units: str | None, tolerance: float
+    mesh: PolyMesh, *, source: str, units: str | None, tolerance: float
 ) -> dict[str, Any]:
     """What a mesh is, judged by the tolerance; what cannot be decided is None.
 
     Parameters
     ----------
-    mesh : QuadMesh
+    mesh : PolyMesh
     source : str
         Name of the input.
     units : str or None
@@ -76,7 +76,7 @@ def check_lines(report: dict[str, Any]) -> list[str]:
     """The report of `check` as lines for people."""
     counts = report["mesh"]
     lines = [
-        f"{report['input']}: {counts['vertices']} vertices, {counts['faces']} quads, "
+        f"{report['input']}: {counts['vertices']} vertices, {counts['faces']} faces, "
         f"{counts['boundary_loops']} boundary loops, Euler characteristic "
         f"{counts['euler_characteristic']}"
     ]
@@ -120,7 +120,7 @@ def _offset_line(kind: str, offset: dict[str, Any]) -> str:
     return f"{name:13} yes, {'' if family is None else f'{family} parameters, '}{error}"
 
 
-def _parallel(mesh: QuadMesh, listed: list[dict[str, Any]]) -> tuple[int | None, float | None]:
+def _parallel(mesh: PolyMesh, listed: list[dict[str, Any]]) -> tuple[int | None, float | None]:
     """Dimension of P(M) and its gap; None with a note where they cannot be decided."""
     try:
         space = parallel_space(mesh)
@@ -131,7 +131,7 @@ def _parallel(mesh: QuadMesh, listed: list[dict[str, Any]]) -> tuple[int | None,
 
 
 def _offsets(
-    mesh: QuadMesh, kind: str, tolerance: float, listed: list[dict[str, Any]]
+    mesh: PolyMesh, kind: str, tolerance: float, listed: list[dict[str, Any]]
 ) -> dict[str, Any]:
     """What is known of the offsets of a kind."""
     try:
@@ -153,7 +153,7 @@ def _offsets(
     }
 
 
-def problems(mesh: QuadMesh, tolerance: float) -> list[dict[str, Any]]:
+def problems(mesh: PolyMesh, tolerance: float) -> list[dict[str, Any]]:
     """What is unusual about a mesh, each kind once with its places."""
     cones = fitted_cones(mesh)
     corners = corner_angles(mesh)

@@ -20,6 +20,7 @@ from typer.exceptions import TyperException
 from pqmesh.cli_meshes import (
     check_outputs,
     check_shape,
+    read_quads_to_move,
     read_to_move,
     reference_of,
     write_moved,
@@ -49,7 +50,8 @@ from pqmesh.errors import PqmeshError, SpecError
 
 if TYPE_CHECKING:
     from pqmesh.design import Design
-    from pqmesh.mesh.quadmesh import QuadMesh
+    from pqmesh.mesh.quadmesh import PolyMesh
+    from pqmesh.optimize.constraints import Constraints
     from pqmesh.optimize.solver import Solution, Step
     from pqmesh.results import Roof
     from pqmesh.source import Source
@@ -76,6 +78,7 @@ class Kind(StrEnum):
     planar = "planar"
     conical = "conical"
     circular = "circular"
+    conical_circular = "conical-circular"
     edge_offset = "edge-offset"
 
 
@@ -276,7 +279,7 @@ def _written(roof: Roof, output: Path, spent: float) -> int:
 
 @app.command()
 def optimize(
-    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="Quad mesh: obj, off, ply.")],
+    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="Mesh: obj, off, ply.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Mesh file to write.")],
     kind: Annotated[Kind, typer.Option(help="Mesh class.")] = Kind.conical,
     reference: Annotated[
@@ -284,31 +287,46 @@ def optimize(
     ] = None,
     boundary: Annotated[Boundary, typer.Option(help="What the rim may do.")] = Boundary.free,
     within: Annotated[float | None, typer.Option(help="Stay this close to the surface.")] = None,
+    constraints: Annotated[
+        Path | None, typer.Option(help="What else is asked of the mesh.", metavar="FILE.toml")
+    ] = None,
     tolerance: Annotated[float, typer.Option(help="Planarity that counts as reached.")] = 1e-9,
     report: Annotated[Path | None, typer.Option(help="Report file to write, JSON.")] = None,
 ) -> None:
-    """Move the vertices of a quad mesh as little as makes it planar, conical or circular."""
+    """Move the vertices of a mesh as little as makes it planar, conical or circular."""
+    from pqmesh.design import read_constraints
     from pqmesh.optimize.advice import advice
+    from pqmesh.optimize.constrained import constraint_miss
+    from pqmesh.optimize.mending import mended
     from pqmesh.optimize.outlook import outlook
     from pqmesh.report import optimization_report
 
     _positive("--tolerance", tolerance)
     _positive("--within", within)
-    if kind is Kind.edge_offset and boundary is not Boundary.free:
+    if kind is Kind.edge_offset and (boundary is not Boundary.free or constraints is not None):
+        asked = "--constraints" if constraints is not None else f"--boundary {boundary}"
         raise SpecError(
-            f"--kind edge-offset fits a mesh with a free boundary; found --boundary {boundary}. "
-            f"Leave it out."
+            f"--kind edge-offset fits a mesh with a free boundary; found {asked}. Leave it out."
         )
     check_outputs(output, report)
+    wanted = None if constraints is None else read_constraints(constraints)
     start = read_to_move(mesh)
-    target = reference_of(reference, start)
-    seen = outlook(kind, start, target if reference else None, boundary=boundary)
+    held = None if boundary is Boundary.free else start.topology.is_boundary_vertex
+    mending = mended(start, held)
+    target = reference_of(reference, mending.mesh)
+    seen = outlook(kind, mending.mesh, target if reference else None, boundary=boundary)
     for text in advice(seen):
         say(f"note: {text}")
     with progress() as tell:
         tell("optimize", None)
         solution = _optimized(
-            kind, start, target, boundary, within, lambda step: tell("optimize", step)
+            kind,
+            mending.mesh,
+            target,
+            boundary,
+            within,
+            wanted,
+            lambda step: tell("optimize", step),
         )
     moved = start.with_vertices(solution.blocks["vertices"])
     found = optimization_report(
@@ -322,6 +340,8 @@ def optimize(
         flat=tolerance,
         within=within,
         seen=seen,
+        mending=mending,
+        missed=constraint_miss(mending.mesh, target, wanted, solution),
     )
     write_moved(moved, found, output, report)
     if reached(optimized_summary(found), found):
@@ -333,7 +353,7 @@ def optimize(
 
 @app.command()
 def offset(
-    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="Quad mesh: obj, off, ply.")],
+    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="Mesh: obj, off, ply.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Mesh file to write.")],
     distance: Annotated[float, typer.Option(help="Signed distance, along the face normals.")],
     kind: Annotated[Offset, typer.Option(help="What keeps its distance.")] = Offset.face,
@@ -385,7 +405,7 @@ def transform(
     }
     wanted = transform_of(options, center)
     check_outputs(output, report)
-    start = read_to_move(mesh)
+    start = read_quads_to_move(mesh)
     image, found = transformed_mesh(start, wanted, source=mesh.name)
     write_moved(image, found, output, report)
     raise typer.Exit(OK if reached(moved_summary(found, output), found) else NOT_REACHED)
@@ -393,19 +413,19 @@ def transform(
 
 @app.command()
 def check(
-    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="Quad mesh: obj, off, ply.")],
+    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="Mesh: obj, off, ply.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON on standard output.")] = False,
     tolerance: Annotated[float, typer.Option(help="Dimensionless; judges all verdicts.")] = 1e-6,
 ) -> None:
     """Say what a mesh is: planar, circular, conical, dim P(M), which offsets, what is unusual."""
     from pqmesh.check import check_lines, check_report
-    from pqmesh.io.formats import read_quad_mesh
+    from pqmesh.io.formats import read_mesh
     from pqmesh.outputs import json_bytes
 
     _positive("--tolerance", tolerance)
-    quads = read_quad_mesh(mesh)
-    check_shape(quads, mesh.name, edges=False)
-    found = check_report(quads, source=mesh.name, units=None, tolerance=tolerance)
+    polygons = read_mesh(mesh)
+    check_shape(polygons, mesh.name, edges=False)
+    found = check_report(polygons, source=mesh.name, units=None, tolerance=tolerance)
     if as_json:
         typer.echo(json_bytes(found).decode(), nl=False)
         return
@@ -437,19 +457,30 @@ def example(
 
 def _optimized(
     kind: Kind,
-    start: QuadMesh,
+    start: PolyMesh,
     target: Reference,
     boundary: Boundary,
     within: float | None,
+    constraints: Constraints | None,
     told: Callable[[Step], None],
 ) -> Solution:
     """The optimisation of a kind."""
     from pqmesh.koebe.best import edge_offset_solution
+    from pqmesh.mesh.quadmesh import QuadMesh
     from pqmesh.optimize.schedule import optimized
 
     if kind is not Kind.edge_offset:
-        return optimized(kind, start, target, boundary=boundary, within=within, progress=told)
-    return edge_offset_solution(start, target, start.vertex_normals, told)[0]
+        return optimized(
+            kind,
+            start,
+            target,
+            boundary=boundary,
+            within=within,
+            constraints=constraints,
+            progress=told,
+        )
+    quads = QuadMesh(start.vertices, start.topology)
+    return edge_offset_solution(quads, target, quads.vertex_normals, told)[0]
 
 
 # --- helpers of the shell -------------------------------------------------------------------

@@ -9,7 +9,7 @@ from pqmesh.cli_typed import SURFACE_SUFFIXES, design_text
 from pqmesh.errors import MeshError
 
 if TYPE_CHECKING:
-    from pqmesh.mesh.quadmesh import QuadMesh
+    from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
     from pqmesh.surface.reference import Reference
 
 # Model sizes beyond this, or below its inverse, leave the range of doubles when squared twice.
@@ -26,8 +26,17 @@ def check_outputs(output: Path, report: Path | None) -> None:
         check_file(report, [".json"])
 
 
-def read_to_move(path: Path) -> QuadMesh:
-    """A quad mesh that can be optimised, offset or transformed."""
+def read_to_move(path: Path) -> PolyMesh:
+    """A mesh that can be optimised or offset."""
+    from pqmesh.io.formats import read_mesh
+
+    mesh = read_mesh(path)
+    check_shape(mesh, path.name, edges=True)
+    return mesh
+
+
+def read_quads_to_move(path: Path) -> QuadMesh:
+    """A quad mesh that can be transformed."""
     from pqmesh.io.formats import read_quad_mesh
 
     mesh = read_quad_mesh(path)
@@ -35,7 +44,7 @@ def read_to_move(path: Path) -> QuadMesh:
     return mesh
 
 
-def write_moved(moved: QuadMesh, found: dict[str, Any], output: Path, report: Path | None) -> None:
+def write_moved(moved: PolyMesh, found: dict[str, Any], output: Path, report: Path | None) -> None:
     """Write a moved mesh and, where one is wanted, its report."""
     from pqmesh.io.formats import MESH_FORMATS
     from pqmesh.outputs import json_bytes, write_files
@@ -46,7 +55,7 @@ def write_moved(moved: QuadMesh, found: dict[str, Any], output: Path, report: Pa
     write_files(files)
 
 
-def check_shape(mesh: QuadMesh, name: str, *, edges: bool) -> None:
+def check_shape(mesh: PolyMesh, name: str, *, edges: bool) -> None:
     """Refuse meshes without area or of a size that squares leave the range of numbers."""
     from pqmesh.vectors import norm
 

@@ -9,8 +9,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import Field, ValidationError
 
+from pqmesh.design_constraints import ConstraintsFile, ConstraintsSpec, constraints_of
 from pqmesh.design_keys import (
     BoundarySpec,
     LayersSpec,
@@ -24,17 +26,16 @@ from pqmesh.design_keys import (
     ToleranceSpec,
 )
 from pqmesh.design_text import DesignText, Where, check_tokens, key_lines, parse_reason, text_of
-from pqmesh.design_words import LENGTH_HINT, LENGTH_WORDS, UNITS, first_message, shown
+from pqmesh.design_words import UNITS, first_message, length_in, shown
 from pqmesh.errors import SpecError
 from pqmesh.io.atomic import shown_path
+from pqmesh.optimize.constraints import Constraints
+from pqmesh.vectors import Floats
 
 # Larger ones are no designs, and would take minutes and gigabytes to parse.
 LARGEST_DESIGN = 4_000_000
-# Above this, squares and cubes of lengths leave the range of doubles.
-LARGEST_LENGTH = 1e100
 DEFAULT_FLAT = "0.1 mm"
 
-_LENGTH = re.compile(r"\s*([-+0-9.eE]+)\s*([a-z]*)\s*")
 _ANGLE = re.compile(r"\s*([-+0-9.eE]+)\s*(°|deg|rad)?\s*")
 
 
@@ -52,6 +53,7 @@ class Design(Part):
     panels: PanelsSpec
     outline: OutlineSpec | None = None
     boundary: BoundarySpec = Field(default_factory=BoundarySpec)
+    constraints: ConstraintsSpec = Field(default_factory=ConstraintsSpec)
     layers: LayersSpec = Field(default_factory=LayersSpec)
     tolerance: ToleranceSpec = Field(default_factory=ToleranceSpec)
     output: OutputSpec = Field(default_factory=OutputSpec)
@@ -95,6 +97,7 @@ class Design(Part):
         """Nothing, once all lengths, angles and the keys beside each other make sense."""
         try:
             _ = self.edges, self.distances, self.tolerances, self.extend
+            _ = self.constraints_about(np.zeros(3))
             self._check_together()
         except SpecError as error:
             raise SpecError(place.of_message(str(error))) from None
@@ -171,11 +174,20 @@ class Design(Part):
             "cover": asked.cover,
         }
 
+    def constraints_about(self, origin: Floats) -> Constraints | None:
+        """What is asked of the mesh beside its kind, places counted from an origin (3,)."""
+        return constraints_of(self.constraints, self.length, origin, by_number=False)
+
     def _check_together(self) -> None:
         """Refuse keys that contradict each other."""
         tolerances = self.tolerances
-        if self.panels.kind == "edge-offset" and (self.flat or self.boundary.mode != "free"):
-            found = "panels.flat" if self.flat else f"boundary.mode = {self.boundary.mode!r}"
+        given = {
+            "panels.flat": bool(self.flat),
+            f"boundary.mode = {self.boundary.mode!r}": self.boundary.mode != "free",
+            "constraints": self.constraints != ConstraintsSpec(),
+        }
+        if self.panels.kind == "edge-offset" and any(given.values()):
+            found = next(key for key, is_given in given.items() if is_given)
             raise SpecError(
                 f"panels.kind = 'edge-offset' fits a flat mesh with a free boundary; found "
                 f"{found} beside it. Leave that out, or choose another kind."
@@ -195,31 +207,54 @@ class Design(Part):
 
     def length(self, value: Length, key: str) -> float:
         """A length in the model unit, from a number or a text such as '0.1 mm'."""
-        if not isinstance(value, str):
-            number = float(value)
-        else:
-            match = _LENGTH.fullmatch(value)
-            unit = match.group(2) if match else ""
-            try:
-                number = float(match.group(1)) if match else math.nan
-            except ValueError:
-                number = math.nan
-            if not match or (unit and unit not in UNITS) or math.isnan(number):
-                raise SpecError(
-                    f"{key} must be {LENGTH_WORDS}; found {shown(value)}. {LENGTH_HINT}"
-                )
-            number *= UNITS[unit] / UNITS[self.units] if unit else 1.0
-        if not abs(number) <= LARGEST_LENGTH:
-            raise SpecError(
-                f"{key} must be below {LARGEST_LENGTH:g}; found {shown(value)}. Check the units."
-            )
-        return number
+        return length_in(self.units, value, key)
 
     def _positive(self, value: Length, key: str) -> float:
         number = self.length(value, key)
         if number <= 0:
             raise SpecError(f"{key} must be above 0; found {shown(value)}. Raise it.")
         return number
+
+
+def read_constraints(path: str | Path) -> Constraints:
+    """The constraints in a file of their own, for a mesh that exists.
+
+    Parameters
+    ----------
+    path : str or path
+        A .toml with the section `constraints` of a design and, for lengths with a unit, the key
+        `units`: the unit of the mesh.
+
+    Raises
+    ------
+    PqmeshError
+        Naming the file, the line and the key.
+    """
+    text = Design.read(path)
+    try:
+        file = ConstraintsFile.model_validate(text.tables)
+    except ValidationError as error:
+        raise SpecError(first_message(error, text.where, ConstraintsFile)) from None
+    if file.units is not None and file.units not in UNITS:
+        raise SpecError(
+            f"{text.where.at(('units',))}: units must be one of {', '.join(UNITS)}; found "
+            f"{shown(file.units)}. Choose one."
+        )
+    try:
+        found = constraints_of(
+            file.constraints,
+            lambda value, key: length_in(file.units, value, key),
+            np.zeros(3),
+            by_number=True,
+        )
+    except SpecError as error:
+        raise SpecError(text.where.of_message(str(error))) from None
+    if found is None:
+        raise SpecError(
+            f"{text.where.name}: a file of constraints must have some; found none. Add one, or "
+            f"leave the file out."
+        )
+    return found
 
 
 def _degrees(value: Length) -> float:

@@ -147,7 +147,7 @@ class CurvesSpec(Part):
 class PanelsSpec(Part):
     """What panels are wanted."""
 
-    kind: Literal["planar", "conical", "circular", "edge-offset"] = "conical"
+    kind: Literal["planar", "conical", "circular", "conical-circular", "edge-offset"] = "conical"
     edge: Length | tuple[Length, Length]
     network: Literal["principal", "uv", "geodesic", "conjugate"] = "principal"
     curves: CurvesSpec | None = None

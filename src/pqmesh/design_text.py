@@ -18,6 +18,8 @@ MOST_KEY_WORK, MOST_DIGITS = 10_000_000, 1000
 
 
 _HEADER = re.compile(r"\s*\[\s*([A-Za-z0-9_.\s-]+?)\s*\]\s*(#.*)?")
+# A table of a list of tables.
+_ROW = re.compile(r"\s*\[\[\s*([A-Za-z0-9_.\s-]+?)\s*\]\]\s*(#.*)?")
 _KEY = re.compile(r"\s*([A-Za-z0-9_.-]+)\s*=")
 _STRINGS = re.compile(r'"(?:[^"\\]|\\.)*"|' + r"'[^']*'|#.*")
 
@@ -44,9 +46,10 @@ class Where(NamedTuple):
 
     def of_message(self, text: str) -> str:
         """A message behind the place of the first key that it names."""
-        for word in re.findall(r"[a-z]+(?:\.[a-z_]+)+", text):
+        for word in re.findall(r"[a-z]+(?:\.[a-z_0-9]+)+", text):
             path = tuple(word.split("."))
-            if path in self.lines:
+            # A key within braces has no line of its own; the table that holds it has.
+            if path in self.lines or path[:3] in self.lines:
                 return f"{self.at(path)}: {text}"
         return f"{self.name}: {text}"
 
@@ -84,10 +87,16 @@ def key_lines(text: str) -> dict[tuple[str, ...], int]:
         if depth == 0 and (header := _HEADER.fullmatch(plain)):
             section = tuple(part.strip() for part in header[1].split("."))
             found.setdefault(section, number)
+        elif depth == 0 and (row := _ROW.fullmatch(plain)):
+            table = tuple(part.strip() for part in row[1].split("."))
+            found.setdefault(table, number)
+            count = sum(path[:-1] == table and path[-1].isdigit() for path in found)
+            section = (*table, str(count))
+            found[section] = number
         elif depth == 0 and (key := _KEY.match(plain)):
             found.setdefault((*section, *key[1].split(".")), number)
         depth = max(depth + sum(map(plain.count, "[{")) - sum(map(plain.count, "]}")), 0)
-        depth = 0 if _HEADER.fullmatch(plain) else depth
+        depth = 0 if _HEADER.fullmatch(plain) or _ROW.fullmatch(plain) else depth
         closing = next((mark for mark in ('"""', "'''") if mark in plain), "")
     return found
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+import re
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
 from pqmesh.design_text import Where
+from pqmesh.errors import SpecError
 from pqmesh.surface.formula import nearest_name
 
 # Metres in a unit.
@@ -14,6 +17,9 @@ UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "ft": 0.3048, "in": 0.0254
 
 # What a key must be and what to do, by the kind of pydantic's complaint.
 LENGTH_WORDS = "a length such as 1.5 or '0.1 mm'"
+# Above this, squares and cubes of lengths leave the range of doubles.
+LARGEST_LENGTH = 1e100
+_LENGTH = re.compile(r"\s*([-+0-9.eE]+)\s*([a-z]*)\s*")
 LENGTH_HINT = f"Known units are {', '.join(UNITS)}."
 _COMPLAINTS = {
     "finite": ("a finite number", "Give a number."),
@@ -94,3 +100,29 @@ def _known_keys(model: type[BaseModel], path: list[str]) -> list[str]:
     return [
         key for key in model.model_fields if (model.__name__, key) != ("NetSpec", "file") or path
     ]
+
+
+def length_in(units: str | None, value: float | str, key: str) -> float:
+    """A length in a model unit; without one only plain numbers have a meaning."""
+    if not isinstance(value, str):
+        number = float(value)
+    else:
+        match = _LENGTH.fullmatch(value)
+        unit = match.group(2) if match else ""
+        try:
+            number = float(match.group(1)) if match else math.nan
+        except ValueError:
+            number = math.nan
+        if not match or (unit and unit not in UNITS) or math.isnan(number):
+            raise SpecError(f"{key} must be {LENGTH_WORDS}; found {shown(value)}. {LENGTH_HINT}")
+        if unit and units is None:
+            raise SpecError(
+                f"{key} has a unit, so the unit of the mesh must be known; found {shown(value)}. "
+                f"Add units = 'm', say, or leave the unit out."
+            )
+        number *= UNITS[unit] / UNITS[units or unit] if unit else 1.0
+    if not abs(number) <= LARGEST_LENGTH:
+        raise SpecError(
+            f"{key} must be below {LARGEST_LENGTH:g}; found {shown(value)}. Check the units."
+        )
+    return number

@@ -79,7 +79,7 @@ class Panelization:
     solution: Solution
     mesh: QuadMesh
     vectors: OffsetVectors
-    layers: tuple[Layer, ...]
+    layers: tuple[Layer[QuadMesh], ...]
     support: SupportStructure | None
     trimmed: TrimmedRoof | None
     seconds: dict[str, float] = field(default_factory=dict)
@@ -216,6 +216,7 @@ def _solved(
         boundary=spec.boundary,
         within=spec.within,
         warp=spec.flat,
+        constraints=spec.constraints,
         progress=told,
     )
     mesh = start.with_vertices(solution.blocks["vertices"])
@@ -284,7 +285,7 @@ def _overhang(surface: Surface, spec: Spec, inside: Inside | None) -> float:
 
 def _trimmed(
     mesh: QuadMesh,
-    layers: tuple[Layer, ...],
+    layers: tuple[Layer[QuadMesh], ...],
     support: SupportStructure | None,
     vectors: OffsetVectors,
     outline: PlanOutline,

@@ -10,6 +10,7 @@ from pqmesh.errors import SpecError
 from pqmesh.network.kinds import Given
 from pqmesh.network.region import PlanOutline, region_samples
 from pqmesh.network.walker import Inside
+from pqmesh.optimize.constraints import Constraints
 from pqmesh.surface.base import Surface
 from pqmesh.surface.curvature import first_form
 from pqmesh.vectors import cross, norm
@@ -35,7 +36,7 @@ class Spec:
     edges : (float, float)
         Wanted panel edge along the lines of the first and of the second family; of larger and
         of smaller principal curvature in a principal network.
-    kind : 'planar', 'conical', 'circular' or 'edge-offset'
+    kind : 'planar', 'conical', 'circular', 'conical-circular' or 'edge-offset'
     network : 'principal', 'uv', 'geodesic' or 'conjugate'
     given : Given, optional
         The family that a conjugate or geodesic network starts from.
@@ -46,6 +47,8 @@ class Spec:
         Stay this close to the surface.
     flat : float
         Panels may be out of plane by so much, and the mesh stays as close as that allows.
+    constraints : Constraints, optional
+        What is asked of the mesh beside its kind.
     flip : bool
         Turn the orientation: normals downwards.
     most_panels : int
@@ -60,6 +63,7 @@ class Spec:
     boundary: str = "free"
     within: float | None = None
     flat: float = 0.0
+    constraints: Constraints | None = None
     flip: bool = False
     most_panels: int = 1_000_000
 

@@ -16,12 +16,6 @@ from scipy.sparse.linalg import splu
 
 from pqmesh.vectors import Floats, Indices
 
-# From this size on the fast back end keeps its factor in single precision, which halves its
-# memory; iterations with the matrix itself make up for the digits.
-LARGE = 600_000
-# Iterations of refinement, and of the conjugate gradients that a single-precision factor drives.
-REFINEMENTS, KRYLOV_TOLERANCE, KRYLOV_STEPS = 1, 1e-12, 60
-
 
 class Factor(Protocol):
     """A factorised matrix."""
@@ -121,7 +115,7 @@ class BlockPattern:
         return self._backend.factor(_Lower(csc_matrix((data, self._rows, self._indptr), shape)))
 
 
-def _scalar_columns(row: Indices, column: Indices, size: int) -> tuple[Indices, Indices, Indices]:
+def _scalar_columns(row: Indices, column: Indices, size: int) -> tuple[Indices, Any, Any]:
     """Lower triangle of 3 x 3 blocks as compressed columns: places in the blocks, rows, starts.
 
     The blocks come sorted by column and row, the diagonal one first in its column.

@@ -9,7 +9,7 @@ import numpy as np
 import pqmesh
 from pqmesh.errors import MeshError, SpecError
 from pqmesh.mesh.measure import circularity_defect
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.offset.distances import edge_factors, valid_range
 from pqmesh.offset.offsets import offset_layer
 from pqmesh.offset.vectors import OffsetVectors, face_offset_vectors, vertex_offset_vectors
@@ -23,13 +23,13 @@ EXACT = 1e-6
 
 
 def offset_mesh(
-    mesh: QuadMesh, kind: str, distance: float, *, source: str = ""
-) -> tuple[QuadMesh, dict[str, Any]]:
+    mesh: PolyMesh, kind: str, distance: float, *, source: str = ""
+) -> tuple[PolyMesh, dict[str, Any]]:
     """Offset of a mesh at a constant signed distance of vertices, edges or faces, and its report.
 
     Parameters
     ----------
-    mesh : QuadMesh
+    mesh : PolyMesh
     kind : 'vertex', 'edge' or 'face'
         What keeps its distance: exact on circular, Koebe-like and conical meshes.
     distance : float, model unit
@@ -127,7 +127,7 @@ def transformed_mesh(
 # --- parts ----------------------------------------------------------------------------------
 
 
-def _head(mesh: QuadMesh, kind: str, source: str) -> dict[str, Any]:
+def _head(mesh: PolyMesh, kind: str, source: str) -> dict[str, Any]:
     """Keys that open every report."""
     return {
         "schema": SCHEMA,
@@ -139,7 +139,7 @@ def _head(mesh: QuadMesh, kind: str, source: str) -> dict[str, Any]:
     }
 
 
-def _vectors(mesh: QuadMesh, kind: str) -> OffsetVectors:
+def _vectors(mesh: PolyMesh, kind: str) -> OffsetVectors:
     """Offset vectors of a kind."""
     if kind == "face":
         return face_offset_vectors(mesh)
@@ -151,7 +151,7 @@ def _vectors(mesh: QuadMesh, kind: str) -> OffsetVectors:
     return best_edge_vectors(mesh)
 
 
-def _check_range(mesh: QuadMesh, vectors: Floats, distance: float) -> None:
+def _check_range(mesh: PolyMesh, vectors: Floats, distance: float) -> None:
     """Refuse an offset in which edges run backwards."""
     factors = 1.0 + distance * edge_factors(mesh, vectors)
     turned = np.flatnonzero(factors <= 0)

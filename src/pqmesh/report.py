@@ -16,11 +16,13 @@ from pqmesh.mesh.measure import (
     planarity_deviation,
     plane_deviation,
 )
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.network.principal import Inside
 from pqmesh.network.region import PlanOutline, region_samples
 from pqmesh.offset.offsets import Layer
 from pqmesh.offset.support import SupportStructure
+from pqmesh.optimize.constrained import constraint_miss
+from pqmesh.optimize.mending import Mending
 from pqmesh.optimize.outlook import Outlook, outlook
 from pqmesh.optimize.solver import Solution
 from pqmesh.optimize.worst import worst_places
@@ -34,6 +36,8 @@ from pqmesh.vectors import Floats, norm
 
 # A sampled point of the surface counts as covered within this share of the mean edge.
 COVERED = 0.05
+# Constraints are met within this share of the mean edge.
+CONSTRAINTS_MET = 1e-9
 
 
 def panelization_report(
@@ -90,12 +94,15 @@ def panelization_report(
     if not result.solution.converged:
         report["warnings"] += report["outlook"]["advice"]
     report["tolerance"] = _tolerance(report, design.tolerances)
+    missed = constraint_miss(result.start, reference, result.spec.constraints, result.solution)
+    if missed is not None:
+        report["tolerance"].append(judged("constraints", CONSTRAINTS_MET, missed))
     return report
 
 
 def optimization_report(
-    start: QuadMesh,
-    mesh: QuadMesh,
+    start: PolyMesh,
+    mesh: PolyMesh,
     solution: Solution,
     reference: Reference,
     *,
@@ -104,9 +111,16 @@ def optimization_report(
     units: str,
     flat: float,
     within: float | None = None,
+    mending: Mending | None = None,
     seen: Outlook | None = None,
+    missed: float | None = None,
 ) -> dict[str, Any]:
-    """Report of `optimize`: the same keys where they exist; `seen` is the start's outlook."""
+    """Report of `optimize`: the same keys where they exist.
+
+    `start` is the mesh as it came; `mending` says what was done to it before, and `seen` is the
+    outlook of what came of that. `missed` is by how much constraints were missed, in mean edges;
+    None without any.
+    """
     report: dict[str, Any] = {
         "schema": SCHEMA,
         "version": pqmesh.__version__,
@@ -117,15 +131,17 @@ def optimization_report(
         "before": all_measures(start, kind),
         "after": all_measures(mesh, kind, solution.blocks.get("image")),
         "deviation": deviation(start, mesh, reference),
+        "mended": _mended(mending),
         "outlook": outlook_keys(seen or outlook(kind, start)),
         "worst": worst_keys(worst_places(kind, start, mesh, solution, reference)),
         "solver": solver_report(solution),
+        "warnings": [] if mending is None else mending.words,
     }
     asked: dict[str, float] = {"planar": flat}
     reached: dict[str, Any] = {"planar": report["after"]["planarity_max"]}
-    if kind == "conical":
+    if "conical" in kind:
         asked["conical"], reached["conical"] = 1e-6, report["after"]["cone_spread_max"]
-    if kind == "circular":
+    if "circular" in kind:
         asked["circular"] = 1e-6
         reached["circular"] = float(np.abs(circularity_defect(mesh)).max())
     if kind == "edge-offset":
@@ -134,6 +150,8 @@ def optimization_report(
         within = 0.05 * start.mean_edge_length if within is None else within
     if within is not None:
         asked["deviation"], reached["deviation"] = within, report["deviation"]["max"]
+    if missed is not None:
+        asked["constraints"], reached["constraints"] = CONSTRAINTS_MET, missed
     report["tolerance"] = [judged(key, asked[key], reached[key]) for key in asked]
     return report
 
@@ -141,7 +159,7 @@ def optimization_report(
 # --- parts ----------------------------------------------------------------------------------
 
 
-def deviation(start: QuadMesh, mesh: QuadMesh, reference: Reference) -> dict[str, float]:
+def deviation(start: PolyMesh, mesh: PolyMesh, reference: Reference) -> dict[str, float]:
     """Distances to the reference and from the start, model unit."""
     feet, _, _ = reference.closest(mesh.vertices)
     distance = norm(feet - mesh.vertices)
@@ -154,7 +172,7 @@ def deviation(start: QuadMesh, mesh: QuadMesh, reference: Reference) -> dict[str
 
 def coverage(
     surface: Surface,
-    mesh: QuadMesh,
+    mesh: PolyMesh,
     inside: Inside | None,
     outline: PlanOutline | None = None,
     n: int = 120,
@@ -186,7 +204,19 @@ def solver_report(solution: Solution) -> dict[str, Any]:
     }
 
 
-def _layer(layer: Layer) -> dict[str, Any]:
+def _mended(mending: Mending | None) -> dict[str, Any]:
+    """Faces that started broken: which were mended, which were not, and how far vertices went."""
+    if mending is None:
+        return {"faces": [], "left": [], "vertices": 0, "moved_max": 0.0}
+    return {
+        "faces": mending.mended.tolist(),
+        "left": mending.left.tolist(),
+        "vertices": len(mending.moved),
+        "moved_max": mending.moved_max,
+    }
+
+
+def _layer(layer: Layer[QuadMesh]) -> dict[str, Any]:
     return {
         "distance": layer.distance,
         "kind": layer.kind,
@@ -299,7 +329,7 @@ def _tolerance(report: dict[str, Any], asked: dict[str, float]) -> list[dict[str
         "offset": max((layer["distance_error_max"] for layer in report["layers"]), default=None),
         "twist": report["support"]["twist_max_deg"] if report["support"] else None,
         "deviation": report["deviation"]["max"],
-        "conical": report["after"]["cone_spread_max"] if report["kind"] == "conical" else None,
+        "conical": report["after"]["cone_spread_max"] if "conical" in report["kind"] else None,
         "cover": None if share is None else abs(1.0 - share),
     }
     if report["kind"] == "planar":

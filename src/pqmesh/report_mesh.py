@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pqmesh.mesh.measure import measures
-from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.offset.offsets import offset_vectors
 from pqmesh.offset.support import twist
 from pqmesh.vectors import Floats
@@ -31,7 +31,7 @@ def mesh_counts(mesh: PolyMesh) -> dict[str, int]:
     }
 
 
-def all_measures(mesh: QuadMesh, kind: str, axes: Floats | None = None) -> dict[str, Any]:
+def all_measures(mesh: PolyMesh, kind: str, axes: Floats | None = None) -> dict[str, Any]:
     """Measures of the mesh with the twist of its node axes: given ones, or those of its kind."""
     found: dict[str, Any] = measures(mesh)
     found["twist_max_deg"] = None

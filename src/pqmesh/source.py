@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pqmesh.design import LARGEST_LENGTH, Design
+from pqmesh.design import Design
 from pqmesh.design_keys import CurvesSpec
+from pqmesh.design_words import LARGEST_LENGTH
 from pqmesh.errors import PqmeshError, SpecError, SurfaceError
 from pqmesh.io.outlines import plausible_units, read_curves, read_outline
 from pqmesh.job_spec import Spec
@@ -146,6 +147,7 @@ def spec_of(source: Source, *, flip: bool = False) -> Spec:
         boundary=design.boundary.mode,
         within=design.within,
         flat=design.flat,
+        constraints=design.constraints_about(source.origin),
         flip=flip,
         most_panels=design.run.most_panels,
     )

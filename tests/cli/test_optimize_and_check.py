@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from shapes import lantern
 
 from pqmesh.check import check_lines, check_report
-from pqmesh.io.formats import read_quad_mesh, write_mesh
+from pqmesh.io.formats import read_mesh, read_quad_mesh, write_mesh
 from pqmesh.koebe.families import discrete_catenoid, square_koebe
 from pqmesh.mesh.exact import rotational_mesh
 from pqmesh.mesh.measure import measures, planarity
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
+from pqmesh.offset.distances import face_distance
 from pqmesh.vectors import norm
 
 Command = Callable[..., Any]
@@ -25,7 +27,6 @@ QUADS = [
 ]
 BAD_GROUP = {
     "QuadMesh.off": "so the file looks 1-based",
-    "suzanne.ply": "Every face must be a quad; 32 of 500",
     "faces_reversed.obj": "coherently oriented; faces 0 and 5",
     "joined_tetrahedra.obj": "at most two faces; edge 0-1 has 4",
 }
@@ -38,6 +39,11 @@ CHECK = (
 def grid(height: Callable[[float, float], float]) -> QuadMesh:
     points = [[i, j, height(i, j)] for i in range(4) for j in range(4)]
     return QuadMesh.of(np.array(points, dtype=np.float64), QUADS)
+
+
+def noisy(mesh: PolyMesh, share: float) -> PolyMesh:
+    step = np.random.default_rng(0).normal(size=mesh.vertices.shape)
+    return mesh.with_vertices(mesh.vertices + share * mesh.mean_edge_length * step)
 
 
 @pytest.fixture
@@ -329,6 +335,72 @@ def test_real_mesh_ends_in_code_0_or_in_3_with_the_reason(
         assert report["after"][count] <= report["before"][count]
 
 
+def test_mesh_of_triangles_quads_and_polygons_is_optimised_checked_and_offset(
+    pqmesh: Command, tmp_path: Path
+) -> None:
+    start = noisy(lantern(), 0.02)
+    write_mesh(start, tmp_path / "lantern.obj")
+    for kind in ("planar", "conical", "circular", "conical-circular"):
+        options = ["--kind", kind, "--report", "out.json"]
+        assert pqmesh("optimize", "lantern.obj", "-o", f"{kind}.obj", *options).code == 0
+        report = json.loads((tmp_path / "out.json").read_text())
+        assert report["after"]["planarity_max"] < 1e-9
+        asked = {"planar", *(part for part in kind.split("-"))}
+        assert {row["key"] for row in report["tolerance"]} == asked
+        assert report["mended"] == {"faces": [], "left": [], "vertices": 0, "moved_max": 0.0}
+        assert report["warnings"] == []
+        moved = read_mesh(tmp_path / f"{kind}.obj")
+        assert moved.topology.face_lists() == start.topology.face_lists()
+    found = checked(pqmesh, tmp_path / "conical-circular.obj")
+    assert [found[kind] for kind in ("planar", "circular", "conical")] == [True] * 3
+    assert pqmesh("offset", "conical.obj", "-o", "layer.obj", "--distance", "0.1").code == 0
+    layer = read_mesh(tmp_path / "layer.obj")
+    gap = face_distance(read_mesh(tmp_path / "conical.obj"), layer) - 0.1
+    assert np.abs(gap).max() < 1e-9
+
+
+def test_edge_offset_and_transform_ask_for_quads(tmp_path: Path, refused: Refused) -> None:
+    write_mesh(lantern(), tmp_path / "lantern.obj")
+    assert "Every face must be a quad; 13 of 49" in refused(
+        "optimize", "lantern.obj", "-o", "out.obj", "--kind", "edge-offset"
+    )
+    assert "Every face must be a quad; 13 of 49" in refused(
+        "transform", "lantern.obj", "-o", "out.obj", "--offset", "0.1"
+    )
+
+
+def test_broken_faces_are_mended_first_and_the_report_says_which(
+    pqmesh: Command, tmp_path: Path
+) -> None:
+    # Vertex 5 of a 4 x 4 grid pulled across a face.
+    points = grid(lambda x, y: 0.05 * x * x + 0.04 * y * y).vertices.copy()
+    points[5] += 1.2 * (points[10] - points[5])
+    write_mesh(QuadMesh.of(points, QUADS), tmp_path / "folded.obj")
+    options = ["--kind", "planar", "--report", "out.json"]
+    result = pqmesh("optimize", "folded.obj", "-o", "out.obj", *options)
+    assert result.code == 0
+    report = json.loads((tmp_path / "out.json").read_text())
+    assert report["before"]["nonconvex_faces"] > 0
+    assert report["after"]["nonconvex_faces"] == report["after"]["flipped_faces"] == 0
+    assert 0 in report["mended"]["faces"] or 4 in report["mended"]["faces"]
+    assert report["mended"]["left"] == []
+    assert report["mended"]["vertices"] == 1
+    assert 0.5 < report["mended"]["moved_max"] < 2.5
+    assert "mended" in report["warnings"][0]
+    assert f"note: {report['warnings'][0]}" in result.err
+
+
+def test_broken_faces_of_a_fixed_rim_are_named(pqmesh: Command, tmp_path: Path) -> None:
+    dart = "v 0 0 0\nv 1 0 0\nv 0.2 0.2 0.01\nv 0 1 0\nf 1 2 3 4\n"
+    (tmp_path / "dart.obj").write_text(dart)
+    options = ["--kind", "planar", "--boundary", "fixed", "--report", "out.json"]
+    result = pqmesh("optimize", "dart.obj", "-o", "out.obj", *options)
+    report = json.loads((tmp_path / "out.json").read_text())
+    assert report["mended"] == {"faces": [], "left": [0], "vertices": 0, "moved_max": 0.0}
+    assert "1 face (0) started broken" in report["warnings"][0]
+    assert "could not be mended" in result.err
+
+
 # --- check ----------------------------------------------------------------------------------
 
 
@@ -353,7 +425,7 @@ def test_check_prints_the_keys_of_the_contract(pqmesh: Command, wavy: Path) -> N
     assert {row["kind"] for row in found["problems"]} >= {"bent_faces"}
     text = pqmesh("check", wavy)
     assert text.code == 0
-    assert "wavy.obj: 16 vertices, 9 quads" in text.out
+    assert "wavy.obj: 16 vertices, 9 faces" in text.out
     assert "planar    no" in text.out
 
 

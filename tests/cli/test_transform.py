@@ -332,7 +332,8 @@ def test_bad_meshes_and_outputs_are_refused(
     (tmp_path / "tri.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n")
     name, *options = command
     assert "edge 0-1 has none" in refused(name, "bad.obj", *options, "-o", "out.obj")
-    assert "must be a quad" in refused(name, "tri.obj", *options, "-o", "out.obj")
+    if name == "transform":
+        assert "must be a quad" in refused(name, "tri.obj", *options, "-o", "out.obj")
     assert "the file must exist" in refused(name, "none.obj", *options, "-o", "out.obj")
     assert "found '.stl'" in refused(name, roof, *options, "-o", "out.stl")
     assert "'-o'" in refused(name, roof, *options)

@@ -5,7 +5,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from shapes import curved_mesh, random_rotation, vertex_fan, zoo
+from shapes import (
+    crown,
+    curved_mesh,
+    dodecahedron,
+    lantern,
+    polygon_mesh,
+    random_rotation,
+    vertex_fan,
+    zoo,
+)
 
 from pqmesh.errors import MeshError
 from pqmesh.mesh import solids
@@ -15,14 +24,15 @@ from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.optimize.problem import Goal, Problem, Refreshing, Term, gathered
 from pqmesh.optimize.recipes import problem_for
 from pqmesh.optimize.solver import solve
-from pqmesh.optimize.terms import TERMS, Cone
+from pqmesh.optimize.terms import TERMS, Cone, PlanarPolyline
+from pqmesh.optimize.terms.sizes import Range
 from pqmesh.surface.reference import TriangleReference
 
 # --- how each constructor is called -----------------------------------------------------------
 
 
 def reference_of(mesh):
-    return TriangleReference.of_polygons(mesh.vertices, mesh.faces.tolist())
+    return TriangleReference.of_polygons(mesh.vertices, mesh.topology.face_lists())
 
 
 @dataclass(frozen=True)
@@ -46,20 +56,67 @@ def boundary_of(mesh):
     return np.flatnonzero(mesh.topology.is_boundary_vertex)
 
 
-SECOND_ARGUMENT = {"closeness": reference_of, "gliding": boundary_of}
+def every(rows):
+    return np.arange(len(rows))
+
+
+def frame_of(mesh):
+    """A point, a direction and a matrix that move with the mesh."""
+    point, one, other = mesh.vertices[:3]
+    direction = one - point
+    mirror = np.eye(3) - 2.0 * np.outer(direction, direction) / (direction @ direction)
+    return point + 0.3 * (other - point), direction, mirror
+
+
+def curves_of(mesh):
+    """A drawn curve that crosses the mesh and a closed one, away from the vertices."""
+    open_one = mesh.vertices[: len(mesh.vertices) // 2] + 0.2 * frame_of(mesh)[1]
+    ring = mesh.vertices[mesh.topology.face(mesh.topology.n_faces - 1)] + 0.3 * frame_of(mesh)[1]
+    return [open_one, np.vstack([ring, ring[:1]])]
+
+
+def chains_of(mesh):
+    """Chains of at least four vertices, the closed ones repeating their first."""
+    return [chain for chain in mesh.topology.polylines if len(chain) > 4] or [every(mesh.vertices)]
+
+
+def range_of(mesh, power=1):
+    return Range.of(0.6 * mesh.mean_edge_length**power, None, mesh.mean_edge_length**power)
+
+
+ON_CURVES = ("gliding", "on_curve")
+# What each constructor takes beside the mesh, as a function of the mesh.
+ARGUMENTS = {
+    "closeness": lambda mesh: (reference_of(mesh),),
+    "within": lambda mesh: (reference_of(mesh), 1e-3 * mesh.mean_edge_length),
+    "gliding": lambda mesh: (boundary_of(mesh),),
+    "on_curve": lambda mesh: (every(mesh.vertices), curves_of(mesh)),
+    "on_planes": lambda mesh: (every(mesh.vertices), *frame_of(mesh)[:2]),
+    "planar_polyline": lambda mesh: (chains_of(mesh),),
+    "symmetry": lambda mesh: (mesh.edges, frame_of(mesh)[2], frame_of(mesh)[0]),
+    "node_axis": lambda mesh: (every(mesh.vertices), frame_of(mesh)[1]),
+    "edge_length": lambda mesh: (
+        Range.of(0.5 * mesh.mean_edge_length, mesh.mean_edge_length, mesh.mean_edge_length),
+        every(mesh.edges),
+    ),
+    "panel_width": lambda mesh: (range_of(mesh), np.arange(mesh.topology.n_faces)),
+    "panel_area": lambda mesh: (range_of(mesh, 2), np.arange(mesh.topology.n_faces)),
+}
 
 
 def built(name, mesh, start=None):
     """The term on a mesh; a second argument belongs to `start`, by default the mesh itself."""
-    if name == "closeness" and start is not None:
-        return TERMS[name](mesh, ball_of(start))
-    if name in SECOND_ARGUMENT:
-        return TERMS[name](mesh, SECOND_ARGUMENT[name](mesh))
-    return TERMS[name](mesh)
+    if name in ("closeness", "within") and start is not None:
+        return TERMS[name](mesh, ball_of(start), *ARGUMENTS[name](mesh)[1:])
+    return TERMS[name](mesh, *ARGUMENTS.get(name, lambda mesh: ())(mesh))
 
 
 def blocks_of(mesh):
-    return {"vertices": mesh.vertices, "axes": Cone.start_axes(mesh)}
+    return {
+        "vertices": mesh.vertices,
+        "axes": Cone.start_axes(mesh),
+        "planes": PlanarPolyline.start_planes(mesh, chains_of(mesh)),
+    }
 
 
 def noisy(mesh, share=0.03, seed=0):
@@ -75,6 +132,10 @@ def fan(k):
 
 
 MESHES = {
+    "polygons": polygon_mesh(),
+    "crown": crown(),
+    "lantern": lantern(),
+    "dodecahedron": dodecahedron(),
     "grid": curved_mesh(4, 3),
     "annulus": zoo()["annulus"][0],
     "torus": zoo()["torus"][0],
@@ -84,14 +145,22 @@ MESHES = {
     "valence_6": fan(6),
     "window": zoo()["window"][0],
 }
+QUADS_ONLY = ("node_axis", "panel_width", "panel_area")
 # A closed mesh has no boundary curve to glide on.
 PAIRS = [
     (name, key)
     for name in TERMS
     for key, mesh in MESHES.items()
-    if name != "gliding" or mesh.topology.is_boundary_vertex.any()
+    if (name != "gliding" or mesh.topology.is_boundary_vertex.any())
+    and (name not in QUADS_ONLY or mesh.topology.is_quad)
 ]
 every_term_and_mesh = pytest.mark.parametrize(("name", "key"), PAIRS)
+
+
+@pytest.mark.parametrize("name", QUADS_ONLY)
+def test_term_of_quads_refuses_other_faces(name):
+    with pytest.raises(MeshError, match="Every face must be a quad"):
+        built(name, MESHES["polygons"])
 
 
 # --- shape and stencils -----------------------------------------------------------------------
@@ -160,18 +229,31 @@ def differences(term, rows, step):
     return (4 * central(step) - central(2 * step)) / 3
 
 
+def near_an_end(term, rows, distance):
+    """Elements that come near an end of their segment, where the residual has a kink."""
+    start, end = term.curves.starts[term.segments], term.curves.ends[term.segments]
+    along = end - start
+    length = np.linalg.norm(along, axis=1)
+    place = np.einsum("ni,ni->n", rows[:, 0] - start, along) / length
+    return np.minimum(np.abs(place), np.abs(place - length)) < distance
+
+
 @every_term_and_mesh
 @pytest.mark.parametrize("seed", [0, 1])
 def test_jacobian_equals_central_differences(name, key, seed):
     # The term is built on one mesh and evaluated on another: no residual is zero by luck.
     start = noisy(MESHES[key], seed=seed)
     mesh = noisy(start, seed=seed + 10)
-    term = built(name, start)
+    # The distance to facets has kinks where two are equally near.
+    term = built(name, start, start if name == "within" else None)
     rows = gathered(term, blocks_of(mesh))
     if not len(rows):
         return
-    jacobian = term.evaluate(rows)[1]
-    found = differences(term, rows, 1e-3 * mesh.mean_edge_length)
+    step = 1e-3 * mesh.mean_edge_length
+    smooth = ~near_an_end(term, rows, 2.5 * step) if name in ON_CURVES else np.full(len(rows), True)
+    assert smooth.mean() > 0.5
+    jacobian = term.evaluate(rows)[1][smooth]
+    found = differences(term, rows, step)[smooth]
     # Fourth-order differences at a thousandth of an edge: 1e-11 from truncation, 1e-12 from
     # rounding; 1e-7 leaves room for the short edges of the solids.
     assert np.abs(jacobian - found).max() < 1e-7 * np.abs(jacobian).max()
@@ -201,8 +283,7 @@ def test_residuals_stay_when_mesh_and_reference_move_and_scale_together(name, ke
         image = other.evaluate(gathered(other, blocks_of(placed(mesh))))[0]
         value, image = (np.linalg.norm(each, axis=1) for each in (value, image))
         assert value.max(initial=1.0) > 1e-3
-    if name == "gliding":
-        # The two directions across the curve are any pair.
+    if name in (*ON_CURVES, "symmetry"):
         value, image = (np.linalg.norm(each, axis=1) for each in (value, image))
     # Rounding of coordinates a few edges from the origin, at corners of down to a degree.
     assert np.abs(value - image).max(initial=0.0) < 1e-12
@@ -275,7 +356,7 @@ def test_geometric_terms_are_the_measures_of_the_mesh():
 # --- terms that follow ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["closeness", "gliding"])
+@pytest.mark.parametrize("name", ["closeness", "within"])
 def test_refreshed_term_measures_the_distance_of_the_current_vertices(name):
     start = MESHES["grid"]
     mesh = noisy(start, 0.02)
@@ -284,11 +365,35 @@ def test_refreshed_term_measures_the_distance_of_the_current_vertices(name):
     for block, rows in built(name, start).stencils.items():
         assert (term.stencils[block] == rows).all()
     rows = gathered(term, blocks_of(mesh))
-    value = np.linalg.norm(term.evaluate(rows)[0], axis=1) * mesh.mean_edge_length
+    value = np.linalg.norm(term.evaluate(rows)[0], axis=1) * start.mean_edge_length
     distance = np.linalg.norm(rows[:, 0] - term.feet, axis=1)
-    # Never more than the true distance: the tangent plane (line) passes through the foot.
+    # Never more than the true distance: the tangent plane passes through the foot.
     assert (value <= distance * (1 + 2e-2) + 1e-12).all()
     assert value.max() > 1e-3
+    if name == "within":
+        # Beyond the rim, too.
+        assert np.allclose(value, distance, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", ON_CURVES)
+def test_refreshed_term_measures_the_distance_to_the_curve(name):
+    start = MESHES["grid"]
+    mesh = noisy(start, 0.02)
+    term = built(name, start).refreshed(blocks_of(mesh))
+    assert isinstance(term, Refreshing)
+    points = gathered(term, blocks_of(mesh))[:, 0]
+    value = np.linalg.norm(term.evaluate(points[:, None])[0], axis=1) * start.mean_edge_length
+    segments = np.stack([term.curves.starts, term.curves.ends], axis=1)
+    least = [min(distance_to_segment(point, *ends) for ends in segments) for point in points]
+    # Found by walking along from the start, and by brute force.
+    assert np.abs(value - least).max() < 1e-14 * start.mean_edge_length
+    assert max(least) > 1e-3
+
+
+def distance_to_segment(point, start, end):
+    along = end - start
+    share = np.clip((point - start) @ along / (along @ along), 0.0, 1.0)
+    return np.linalg.norm(point - start - share * along)
 
 
 # --- a term from outside ----------------------------------------------------------------------

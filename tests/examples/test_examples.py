@@ -63,6 +63,16 @@ BOUNDS = {
         "twist_deg": (0.0, 1e-8),
         "deviation": (0.0, 1e-4),
     },
+    "constrained_shell": {
+        "panels": (96, 96),
+        "planarity_before": (0.01, 0.03),
+        "planarity": (0.0, 1e-12),
+        "arch_error": (0.0, 1e-11),
+        "level_error": (0.0, 1e-11),
+        "mirror_error": (0.0, 1e-11),
+        "rim_error": (0.0, 1e-11),
+        "moved_max": (0.1, 2.0),
+    },
     "ellipsoid_curvature_lines": {
         "crossings": (20, 200),
         "coordinate_drift": (0.0, 1e-8),

@@ -12,12 +12,12 @@ from shapes import curved_mesh, zoo
 from pqmesh.errors import MeshError
 from pqmesh.io.formats import read_quad_mesh
 from pqmesh.mesh.exact import grid_mesh
+from pqmesh.mesh.measure import planarity
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.mesh.solids import sphere_tangent_mesh
 from pqmesh.offset.distances import parallel_error
 from pqmesh.offset.parallel import (
     closing_matrix,
-    face_planarity,
     generic_dimension,
     parallel_space,
 )
@@ -184,11 +184,11 @@ def test_polygon_meshes_have_parallel_meshes_too():
     points = np.random.default_rng(1).normal(size=(14, 3))
     mesh = sphere_tangent_mesh(points)
     assert mesh.topology.face_sizes.max() > 4
-    assert face_planarity(mesh).max() < 1e-13
+    assert planarity(mesh).max() < 1e-13
     assert parallel_space(mesh).dimension == 14
 
 
-def test_face_planarity_of_polygons_is_near_that_of_quads():
+def test_planarity_of_polygons_is_near_that_of_quads():
     mesh = curved_mesh(4, 4, noise=0.05)
     pair = QuadMesh.of(mesh.vertices, mesh.faces)
     split = [*pair.topology.face_lists()[:-1]]
@@ -196,8 +196,8 @@ def test_face_planarity_of_polygons_is_near_that_of_quads():
     from pqmesh.mesh.quadmesh import PolyMesh
 
     mixed = PolyMesh.of(mesh.vertices, [*split, [a, b, c], [a, c, d]])
-    found = face_planarity(mixed)
-    assert np.allclose(found[:-2], face_planarity(pair)[:-1], rtol=0.1)
+    found = planarity(mixed)
+    assert np.allclose(found[:-2], planarity(pair)[:-1], rtol=0.1)
     assert found[-2:].max() < 1e-15
 
 

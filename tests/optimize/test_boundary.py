@@ -13,6 +13,7 @@ from pqmesh.optimize.solver import solve
 from pqmesh.surface.reference import TriangleReference
 
 PROFILE = np.array([[2, 0], [2.4, 0.5], [2.5, 1.2], [1.9, 1.5], [1.4, 2.3]])
+GRID = rotational_mesh(PROFILE, 0.3 * np.arange(9))
 ANNULUS = rotational_mesh(PROFILE, 2 * np.pi / 16 * np.arange(16), closed=True)
 
 
@@ -68,19 +69,30 @@ def test_fixed_boundary_of_a_noisy_exact_mesh_leaves_room_for_planar_and_conical
 @pytest.mark.parametrize("kind", ["planar", "conical", "circular"])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_gliding_boundary_stays_on_the_start_curve_and_its_corners_stay(kind, seed):
-    for exact in (ANNULUS, rotational_mesh(PROFILE, 0.3 * np.arange(9))):
+    # Circular faces leave a mesh between four crooked sides no room: see below.
+    meshes = (ANNULUS, GRID) if kind != "circular" else (ANNULUS,)
+    for exact in meshes:
         start = noisy(exact, 1e-2, seed)
         mesh, found = optimised(kind, start, "glide")
         assert found.converged
         rim, corners = start.topology.is_boundary_vertex, boundary_corners(start)
         assert mesh.vertices[corners].tobytes() == start.vertices[corners].tobytes()
         far = distance_to_boundary(start, mesh.vertices[rim]) / start.mean_edge_length
-        # On the curve up to what its kinks allow: a vertex that slides round one of t < 30
-        # degrees leaves the last tangent by the slide, up to 6 % of an edge, times sin t.
-        assert far.max() < 3e-2
-        assert np.median(far) < 5e-3
+        # A hard goal: its tolerance, and rounding.
+        assert far.max() < 2e-12
         along = np.linalg.norm((mesh.vertices - start.vertices)[rim & ~corners], axis=1)
         assert along.max() > 1e-3 * start.mean_edge_length
+
+
+def test_circular_mesh_between_crooked_sides_ends_without_convergence_on_its_best():
+    # Normals of a circular mesh are carried along a side without twist from corner to corner,
+    # where they are given by both sides: a condition on the curves alone.
+    start = noisy(GRID, 1e-2, 0)
+    mesh, found = optimised("circular", start, "glide")
+    assert not found.converged
+    assert "no further progress" in found.reason
+    rim = start.topology.is_boundary_vertex
+    assert distance_to_boundary(start, mesh.vertices[rim]).max() < 5e-3 * start.mean_edge_length
 
 
 def test_free_boundary_leaves_the_curve():
@@ -118,7 +130,9 @@ def test_closed_mesh_accepts_every_boundary(boundary):
 def test_unknown_kind_and_boundary_are_refused_by_name():
     mesh = curved_mesh(2, 2)
     reference = TriangleReference.of_polygons(mesh.vertices, mesh.faces.tolist())
-    with pytest.raises(SpecError, match="planar, conical, circular; found 'flat'"):
+    with pytest.raises(
+        SpecError, match="planar, conical, circular, conical-circular; found 'flat'"
+    ):
         problem_for("flat", mesh, reference)
     with pytest.raises(SpecError, match="free, fixed, glide; found 'loose'"):
         problem_for("planar", mesh, reference, boundary="loose")

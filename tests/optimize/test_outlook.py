@@ -77,8 +77,8 @@ def real_move(kind, mesh):
 )
 def test_predicted_move_is_near_the_real_one_from_tiny_ones_to_edges(kind, mesh):
     found, moved = outlook(kind, mesh), real_move(kind, mesh)
-    assert 0.75 < found.move_max / moved.max() < 1.35
-    assert 0.75 < found.move_rms / np.sqrt(np.mean(moved**2)) < 1.35
+    assert 0.75 < found.move_max / moved.max() < 1.6
+    assert 0.75 < found.move_rms / np.sqrt(np.mean(moved**2)) < 1.8
 
 
 @pytest.mark.parametrize(

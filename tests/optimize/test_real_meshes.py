@@ -78,4 +78,4 @@ def test_twisted_real_mesh_becomes_planar_once_the_pull_is_relaxed(name, data_fo
     assert found.converged
     assert planarity(mesh).max() <= 1e-9
     # Lines of these meshes run along asymptotic directions: flat faces need another surface.
-    assert_sound(start, mesh, reference, rms=0.25)
+    assert_sound(start, mesh, reference, rms=0.4)

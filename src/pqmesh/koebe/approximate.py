@@ -321,9 +321,9 @@ class _Search:
         if not error < LEAST_SHARE * self.image.mean_edge_length**2:
             return None, None
         mesh = parallel_member(image, blocks["vertices"])
-        faces, edges = self.guard.broken(mesh.vertices)
-        if faces.any() or edges.any():
-            return None, faces | self.guard.beside(edges)
+        blocked = self.guard.blocked(mesh.vertices)
+        if blocked.any():
+            return None, blocked
         found = {"vertices": mesh.vertices, "image": image.vertices}
         goals = tuple(
             replace(goal, term=goal.term.refreshed(found))

@@ -10,7 +10,7 @@ from pqmesh.errors import MeshError
 from pqmesh.koebe.approximate import fitted_edge_offset
 from pqmesh.koebe.edge_offset import edge_offset_vectors, image_error
 from pqmesh.mesh.measure import flipped_faces, nonconvex_faces, planarity
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.offset.vectors import OffsetVectors, parallel_offset_vectors
 from pqmesh.optimize.schedule import optimized
 from pqmesh.optimize.solver import Solution, Step
@@ -95,7 +95,7 @@ def _nearly(
     return found, vectors
 
 
-def best_edge_vectors(mesh: QuadMesh) -> OffsetVectors:
+def best_edge_vectors(mesh: PolyMesh) -> OffsetVectors:
     """Edge offset of a mesh where there is one, else that of the nearest parallel mesh.
 
     A mesh that is parallel only nearly has skew edges and faces that are not flat: where the
@@ -115,7 +115,7 @@ def best_edge_vectors(mesh: QuadMesh) -> OffsetVectors:
     return vectors if vectors.error <= EXACT else _parallel(mesh)
 
 
-def _parallel(mesh: QuadMesh) -> OffsetVectors:
+def _parallel(mesh: PolyMesh) -> OffsetVectors:
     """Nearest parallel mesh, as an edge offset with its error."""
     vectors = parallel_offset_vectors(mesh).vectors
     return OffsetVectors("edge", vectors, image_error(mesh, vectors))

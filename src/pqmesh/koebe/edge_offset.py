@@ -56,7 +56,7 @@ class EdgeOffset:
     family_dimension: int | None
 
 
-def edge_offset_test(mesh: QuadMesh, tolerance: float = EXACT) -> EdgeOffset:
+def edge_offset_test(mesh: PolyMesh, tolerance: float = EXACT) -> EdgeOffset:
     """Whether a planar mesh has edge offsets, and its Gauss image.
 
     Parameters
@@ -90,7 +90,7 @@ def edge_offset_test(mesh: QuadMesh, tolerance: float = EXACT) -> EdgeOffset:
     return EdgeOffset(True, image, error, _free_dimensions(mesh, image))
 
 
-def edge_offset_space(mesh: QuadMesh, tolerance: float) -> OffsetSpace:
+def edge_offset_space(mesh: PolyMesh, tolerance: float) -> OffsetSpace:
     """The edge offsets of a mesh, as `offset.spaces` has those of vertices and faces.
 
     Examples
@@ -109,7 +109,7 @@ def edge_offset_space(mesh: QuadMesh, tolerance: float) -> OffsetSpace:
     return OffsetSpace("edge", exists, family, image, error, *turned_edges(mesh, image))
 
 
-def edge_offset_vectors(mesh: QuadMesh) -> OffsetVectors:
+def edge_offset_vectors(mesh: PolyMesh) -> OffsetVectors:
     """Vectors s whose edge lines have distance 1 from the origin, as nearly as the mesh allows.
 
     `error` is that of `edge_offset_test`: rounding on a mesh with edge offsets.

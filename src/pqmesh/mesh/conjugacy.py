@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pqmesh.mesh.measure import planarity
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.mesh.topology import Stars
 from pqmesh.vectors import TINY, Floats, Indices, Mask, cross, dot, norm, unit
 
@@ -117,7 +117,7 @@ class Conjugacy:
         return "far from conjugate" if turn > FAR else "nearly conjugate"
 
 
-def conjugacy(mesh: QuadMesh) -> Conjugacy:
+def conjugacy(mesh: PolyMesh) -> Conjugacy:
     """How far the mesh lines are from conjugate, from the twist of the faces and their blocks.
 
     Around every interior vertex of valence 4 lie four faces: a block of 2 x 2. The star gives the
@@ -133,7 +133,8 @@ def conjugacy(mesh: QuadMesh) -> Conjugacy:
 
     Parameters
     ----------
-    mesh : QuadMesh
+    mesh : PolyMesh
+        Judged where four quads meet.
 
     References: planarity and conjugate directions [liu2006]; [thesis] section 2.1.
 
@@ -175,18 +176,20 @@ class _Form(NamedTuple):
     sound: Mask
 
 
-def _regular_star(mesh: QuadMesh) -> Stars | None:
-    """Stars of the interior vertices of valence 4."""
+def _regular_star(mesh: PolyMesh) -> Stars | None:
+    """Stars of the interior vertices at which four quads meet."""
     for star in mesh.topology.stars():
         if star.neighbors.shape[1] == 4:
-            return star
+            quads = (mesh.topology.face_sizes[star.faces] == 4).all(axis=1)
+            return Stars(star.vertices[quads], star.neighbors[quads], star.faces[quads])
     return None
 
 
-def _second_form(mesh: QuadMesh, star: Stars) -> _Form:
+def _second_form(mesh: PolyMesh, star: Stars) -> _Form:
     """Directions, second form and block of each star."""
     center, near = mesh.vertices[star.vertices], mesh.vertices[star.neighbors]
-    around = mesh.faces[star.faces]
+    topology = mesh.topology
+    around = topology.indices[topology.offsets[star.faces][..., None] + np.arange(4)]
     place = (around == star.vertices[:, None, None]).argmax(axis=-1)
     opposite = np.take_along_axis(around, ((place + 2) % 4)[..., None], axis=-1)[..., 0]
     far = mesh.vertices[opposite]
@@ -241,6 +244,6 @@ def _mean_around(values: Floats, sound: Mask, faces: Indices, count: int) -> Flo
     return np.where(number > 0, total / np.maximum(number, 1), np.nan)
 
 
-def _radius(mesh: QuadMesh) -> float:
+def _radius(mesh: PolyMesh) -> float:
     """Largest distance of a vertex from the middle of the mesh, model unit."""
     return float(norm(mesh.vertices - mesh.vertices.mean(axis=0)).max())

@@ -16,6 +16,8 @@ FLAT_VERTEX = 1e-6
 RANK_TOLERANCE = 1e-10
 # Diagonals at a smaller angle (radians) count as parallel: a crossed or folded quad.
 PARALLEL_DIAGONALS = 1e-9
+# A mean of unit normals shorter than this has no direction.
+ALL_WAYS = 0.25
 
 
 class Cones(NamedTuple):
@@ -57,10 +59,13 @@ class Cones(NamedTuple):
 # --- faces ----------------------------------------------------------------------------------
 
 
-def planarity_deviation(mesh: QuadMesh) -> Floats:
+def planarity_deviation(mesh: PolyMesh) -> Floats:
     """Distance between the two diagonals' lines of each quad, shape (F,), model unit.
 
-    Zero when the quad is flat, folded or crossed quads included: see `nonconvex_faces`.
+    Zero when the quad is flat, folded or crossed quads included: see `nonconvex_faces`. A
+    triangle is flat. Of a polygon with more corners it is the height across its plane, that of
+    the area vector: between the two planes of that direction which enclose it, and so the
+    distance of the diagonals of a quad.
 
     References: [thesis] definition 2.1.4 as amended in the errata page, E2.
 
@@ -70,7 +75,23 @@ def planarity_deviation(mesh: QuadMesh) -> Floats:
     >>> planarity_deviation(saddle)
     array([2.])
     """
-    a, b, c, d = np.moveaxis(mesh.corners, 1, 0)
+    deviation = np.zeros(mesh.topology.n_faces)
+    for faces, corners in mesh.topology.face_groups:
+        points = mesh.vertices[corners]
+        if corners.shape[1] == 4:
+            deviation[faces] = _diagonal_distance(points)
+        elif corners.shape[1] > 4:
+            heights = dot(points - points[:, :1], mesh.face_normals[faces][:, None])
+            deviation[faces] = np.ptp(heights, axis=1)
+            for row in np.flatnonzero(norm(mesh.face_area_vectors[faces]) <= TINY):
+                # No area, so no direction of its own: a folded or crossed polygon.
+                deviation[faces[row]] = 2.0 * plane_deviation(points[row])
+    return deviation
+
+
+def _diagonal_distance(corners: Floats) -> Floats:
+    """Distance between the two diagonals' lines of quads (n, 4, 3)."""
+    a, b, c, d = np.moveaxis(corners, 1, 0)
     normal = cross(c - a, d - b)
     length = norm(normal)
     volume = np.abs(dot(b - a, normal))
@@ -80,14 +101,26 @@ def planarity_deviation(mesh: QuadMesh) -> Floats:
     return np.where(crossing, volume / np.where(crossing, length, 1.0), 0.0)
 
 
-def mean_diagonals(mesh: QuadMesh) -> Floats:
-    """Mean of the two diagonal lengths of each quad, shape (F,), model unit."""
-    a, b, c, d = np.moveaxis(mesh.corners, 1, 0)
-    return np.asarray(0.5 * (norm(c - a) + norm(d - b)))
+def mean_diagonals(mesh: PolyMesh) -> Floats:
+    """Mean of the two diagonal lengths of each quad, shape (F,), model unit.
+
+    Of other faces twice the mean distance of the corners from their mean: the same for a
+    parallelogram.
+    """
+    size = np.empty(mesh.topology.n_faces)
+    for faces, corners in mesh.topology.face_groups:
+        points = mesh.vertices[corners]
+        if corners.shape[1] == 4:
+            a, b, c, d = np.moveaxis(points, 1, 0)
+            size[faces] = 0.5 * (norm(c - a) + norm(d - b))
+        else:
+            out = points - points.mean(axis=1, keepdims=True)
+            size[faces] = 2.0 * norm(out).mean(axis=1)
+    return size
 
 
-def planarity(mesh: QuadMesh) -> Floats:
-    """Planarity deviation over mean diagonal of each quad, shape (F,), dimensionless."""
+def planarity(mesh: PolyMesh) -> Floats:
+    """Planarity deviation over mean diagonal of each face, shape (F,), dimensionless."""
     size = mean_diagonals(mesh)
     return np.where(size > TINY, planarity_deviation(mesh) / np.where(size > TINY, size, 1.0), 0.0)
 
@@ -130,28 +163,42 @@ def nonconvex_faces(mesh: PolyMesh) -> Indices:
 
 
 def flipped_faces(mesh: PolyMesh) -> Indices:
-    """Faces turned over against their neighbours: normal beyond 120 degrees of their mean."""
+    """Faces turned over against their neighbours: normal beyond 120 degrees of their mean.
+
+    Neighbours that look all ways, as around a face of a box, have no mean to judge by.
+    """
     topology = mesh.topology
     pairs = topology.edge_faces[~topology.is_boundary_edge]
     around = np.zeros((topology.n_faces, 3))
     np.add.at(around, pairs[:, 0], mesh.face_normals[pairs[:, 1]])
     np.add.at(around, pairs[:, 1], mesh.face_normals[pairs[:, 0]])
-    return np.flatnonzero(dot(unit(around), mesh.face_normals) < -0.5)
+    count = np.bincount(pairs.ravel(), minlength=topology.n_faces)
+    judged = norm(around) > ALL_WAYS * count
+    return np.flatnonzero(judged & (dot(unit(around), mesh.face_normals) < -0.5))
 
 
-def circularity_defect(mesh: QuadMesh) -> Floats:
+def circularity_defect(mesh: PolyMesh) -> Floats:
     """Alternating sum a1 - a2 + a3 - a4 of each face's corner angles, shape (F,), radians.
 
     Zero on a convex flat quad exactly when its corners lie on a circle; corners are unsigned,
-    so flatness and convexity are judged apart.
+    so flatness and convexity are judged apart. Triangles have a circle. Of a polygon with more
+    corners it is the sum of largest size among the quads of four consecutive corners.
 
     References: [thesis] section 3.2; errata page, E12.
     """
-    points = mesh.corners
-    outgoing = np.roll(points, -1, axis=1) - points
-    incoming = np.roll(points, 1, axis=1) - points
-    corners = angle(outgoing, incoming)
-    return np.asarray(corners @ np.array([1.0, -1.0, 1.0, -1.0]))
+    defect = np.zeros(mesh.topology.n_faces)
+    for faces, corners in mesh.topology.face_groups:
+        size = corners.shape[1]
+        if size > 3:
+            first = np.arange(1 if size == 4 else size)
+            quads = corners[:, (first[:, None] + np.arange(4)) % size]
+            points = mesh.vertices[quads]
+            outgoing = np.roll(points, -1, axis=2) - points
+            incoming = np.roll(points, 1, axis=2) - points
+            sums = angle(outgoing, incoming) @ np.array([1.0, -1.0, 1.0, -1.0])
+            worst = np.abs(sums).argmax(axis=1)
+            defect[faces] = sums[np.arange(len(faces)), worst]
+    return defect
 
 
 def circle_deviation(mesh: QuadMesh) -> Floats:
@@ -182,7 +229,7 @@ def star_angles(mesh: PolyMesh, star: Stars) -> Floats:
     return angle(spokes, np.roll(spokes, -1, axis=1))
 
 
-def conicality_defect(mesh: QuadMesh) -> tuple[Indices, Floats]:
+def conicality_defect(mesh: PolyMesh) -> tuple[Indices, Floats]:
     """Interior vertices of valence 4 and their balance w1 - w2 + w3 - w4, radians.
 
     Zero when the vertex is conical. A vertex with a flat edge may be conical with a defect
@@ -262,7 +309,7 @@ def fitted_cones(mesh: PolyMesh) -> Cones:
 # --- the table of the report ----------------------------------------------------------------
 
 
-def measures(mesh: QuadMesh) -> dict[str, float | int | None]:
+def measures(mesh: PolyMesh) -> dict[str, float | int | None]:
     """All measures of the report but twist: angles in degrees, lengths in the model unit.
 
     A quantity that does not exist for this mesh (no interior vertex) is None.

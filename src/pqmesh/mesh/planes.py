@@ -150,9 +150,7 @@ def dual_mesh(topology: Topology, planes: Floats, near: Floats | None = None) ->
         )
     points = np.empty((topology.n_faces, 3))
     condition = np.empty(topology.n_faces)
-    for size in np.unique(topology.face_sizes):
-        chosen = np.flatnonzero(topology.face_sizes == size)
-        corners = topology.indices[topology.offsets[chosen][:, None] + np.arange(size)]
+    for chosen, corners in topology.face_groups:
         guess = None if near is None else near[chosen]
         points[chosen], _, condition[chosen] = plane_meetings(planes[corners], guess)
     faces, used = drop_unused([stars[vertex] for vertex in sorted(stars)], topology.n_faces)

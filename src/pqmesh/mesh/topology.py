@@ -37,6 +37,20 @@ class Stars(NamedTuple):
     faces: Indices
 
 
+class FaceGroup(NamedTuple):
+    """All faces of one size k, so that they can be computed with as one array.
+
+    Attributes
+    ----------
+    faces : (n,)
+        Their numbers, rising.
+    corners : (n, k)
+    """
+
+    faces: Indices
+    corners: Indices
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Topology:
     """Faces over vertices 0..n-1: coherently oriented, manifold, faces of any length >= 3.
@@ -129,6 +143,16 @@ class Topology:
                 f"split or merge these faces."
             )
         return read_only(self.indices.reshape(-1, 4), np.int64)
+
+    @cached_property
+    def face_groups(self) -> list[FaceGroup]:
+        """Faces by their number of corners, small ones first; every face in one group."""
+        groups = []
+        for size in np.unique(self.face_sizes):
+            chosen = np.flatnonzero(self.face_sizes == size)
+            corners = self.indices[self.offsets[chosen][:, None] + np.arange(size)]
+            groups.append(FaceGroup(read_only(chosen, np.int64), read_only(corners, np.int64)))
+        return groups
 
     def face(self, index: int) -> Indices:
         """Corners of one face, shape (k,)."""

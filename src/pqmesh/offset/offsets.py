@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from pqmesh.errors import MeshError
 from pqmesh.mesh.measure import planarity
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.offset.distances import (
     edge_distance,
     edge_factors,
@@ -40,14 +41,17 @@ __all__ = [
 ]
 
 
+MeshT = TypeVar("MeshT", bound=PolyMesh)
+
+
 @dataclass(frozen=True, eq=False)
-class Layer:
+class Layer(Generic[MeshT]):
     """An offset mesh with its figures.
 
     Attributes
     ----------
-    mesh : QuadMesh
-        Same topology object as the base: combinatorially equivalent, parallel edges.
+    mesh : PolyMesh or QuadMesh
+        As the base. Same topology object as the base: combinatorially equivalent, parallel edges.
     distance : float, model unit
         Signed, along the face normals.
     kind : 'face', 'vertex', 'edge' or 'parallel'
@@ -61,7 +65,7 @@ class Layer:
         Distance on this side at which the first edge shrinks to a point; None when none does.
     """
 
-    mesh: QuadMesh
+    mesh: MeshT
     distance: float
     kind: str
     distance_error_max: float
@@ -71,7 +75,7 @@ class Layer:
     first_reversed_edge_distance: float | None
 
 
-def face_offset(mesh: QuadMesh, distance: float) -> QuadMesh:
+def face_offset(mesh: MeshT, distance: float) -> MeshT:
     """Parallel mesh whose face planes lie at a constant signed distance.
 
     Exact for conical meshes; elsewhere the least-squares point of each star's shifted planes,
@@ -79,7 +83,7 @@ def face_offset(mesh: QuadMesh, distance: float) -> QuadMesh:
 
     Parameters
     ----------
-    mesh : QuadMesh
+    mesh : PolyMesh
         Oriented; normals decide the sign of `distance`.
     distance : float, model unit
         Along the face normals; negative goes to the other side.
@@ -96,12 +100,12 @@ def face_offset(mesh: QuadMesh, distance: float) -> QuadMesh:
     return mesh.with_vertices(mesh.vertices + distance * face_offset_vectors(mesh).vectors)
 
 
-def vertex_offset(mesh: QuadMesh, distance: float) -> QuadMesh:
+def vertex_offset(mesh: MeshT, distance: float) -> MeshT:
     """Parallel mesh whose vertices lie at a constant distance; exact for circular meshes.
 
     Parameters
     ----------
-    mesh : QuadMesh
+    mesh : PolyMesh
     distance : float, model unit
         Positive goes to the side of the vertex normals.
 
@@ -110,12 +114,13 @@ def vertex_offset(mesh: QuadMesh, distance: float) -> QuadMesh:
     return mesh.with_vertices(mesh.vertices + distance * vertex_offset_vectors(mesh).vectors)
 
 
-def offset_vectors(mesh: QuadMesh, kind: str) -> OffsetVectors:
-    """Offset vectors suited to a mesh of the given kind: planar, conical or circular."""
+def offset_vectors(mesh: PolyMesh, kind: str) -> OffsetVectors:
+    """Offset vectors suited to a kind of mesh: face offsets where it is conical and circular."""
     makers = {
         "planar": parallel_offset_vectors,
         "conical": face_offset_vectors,
         "circular": vertex_offset_vectors,
+        "conical-circular": face_offset_vectors,
     }
     if kind not in makers:
         raise MeshError(
@@ -124,7 +129,7 @@ def offset_vectors(mesh: QuadMesh, kind: str) -> OffsetVectors:
     return makers[kind](mesh)
 
 
-def offset_layer(mesh: QuadMesh, vectors: OffsetVectors, distance: float) -> Layer:
+def offset_layer(mesh: MeshT, vectors: OffsetVectors, distance: float) -> Layer[MeshT]:
     """Layer at a signed distance along given offset vectors, measured."""
     moved = mesh.with_vertices(mesh.vertices + distance * vectors.vectors)
     if vectors.kind == "vertex":
@@ -150,15 +155,15 @@ def offset_layer(mesh: QuadMesh, vectors: OffsetVectors, distance: float) -> Lay
 
 
 def offset_stack(
-    mesh: QuadMesh, vectors: OffsetVectors, distances: Sequence[float]
-) -> tuple[Layer, ...]:
+    mesh: MeshT, vectors: OffsetVectors, distances: Sequence[float]
+) -> tuple[Layer[MeshT], ...]:
     """Layers at several signed distances along the same offset vectors, in the order given.
 
     Any two of them are offsets of each other, at the difference of their distances.
 
     Parameters
     ----------
-    mesh : QuadMesh
+    mesh : PolyMesh
     vectors : OffsetVectors
     distances : sequence of float, model unit
         Each at most once, between the distances at which the first edges reverse.

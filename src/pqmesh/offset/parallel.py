@@ -20,10 +20,10 @@ from pqmesh.errors import MeshError
 from pqmesh.linear import SymmetricPattern
 from pqmesh.mesh.loops import SpanningForest, open_loops, spanning_forest
 from pqmesh.mesh.measure import planarity
-from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.mesh.topology import Topology
 from pqmesh.spectrum import LowSpectrum, low_spectrum, orthonormal
-from pqmesh.vectors import Floats, Indices, dot, norm, read_only
+from pqmesh.vectors import Floats, Indices, dot, read_only
 
 # Edges below this share of the mean have no direction.
 ZERO_EDGE = 1e-9
@@ -189,7 +189,7 @@ def parallel_space(mesh: PolyMesh) -> ParallelSpace:
     6
     """
     check_edges(mesh)
-    flatness = face_planarity(mesh)
+    flatness = planarity(mesh)
     is_bent = float(flatness.min()) > NEVER_PLANAR
     worst = 0.0 if is_bent else float(flatness.max())
     if worst > LARGEST_PLANARITY:
@@ -254,20 +254,6 @@ def closing_matrix(mesh: PolyMesh, forest: SpanningForest) -> Any:
     rows = 3 * walk[:, None] + np.arange(3)
     shape = (3 * len(count), topology.n_edges)
     return coo_array((values.ravel(), (rows.ravel(), np.repeat(edge, 3))), shape=shape).tocsr()
-
-
-def face_planarity(mesh: PolyMesh) -> Floats:
-    """Height of each face across its plane over its size, shape (F,); `planarity` of a quad."""
-    topology = mesh.topology
-    if topology.is_quad:
-        return planarity(QuadMesh(mesh.vertices, topology))
-    faces = topology.corner_faces
-    out = mesh.vertices[topology.indices] - mesh.face_centers[faces]
-    height = dot(out, mesh.face_normals[faces])
-    starts = topology.offsets[:-1]
-    spread = np.maximum.reduceat(height, starts) - np.minimum.reduceat(height, starts)
-    size = 2.0 * np.add.reduceat(norm(out), starts) / topology.face_sizes
-    return np.asarray(spread / np.maximum(size, np.finfo(np.float64).tiny))
 
 
 def check_edges(mesh: PolyMesh) -> None:

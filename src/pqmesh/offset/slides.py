@@ -16,7 +16,7 @@ from scipy.sparse import coo_array
 
 from pqmesh.linear import SymmetricPattern
 from pqmesh.mesh.measure import common_vectors, planarity
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.mesh.topology import Stars
 from pqmesh.vectors import TINY, Floats, Indices, Mask, cross, dot, norm
 
@@ -47,14 +47,14 @@ class Touching(NamedTuple):
     directions: Floats
 
 
-def touching_vectors(mesh: QuadMesh) -> Touching:
+def touching_vectors(mesh: PolyMesh) -> Touching:
     """Shortest vectors that touch the planes of all faces at each vertex, and the freedom left.
 
     References: theory of face offsets [pottmann2007]; errata page, E14.
 
     Examples
     --------
-    >>> box = QuadMesh.of([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
+    >>> box = PolyMesh.of([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
     >>> found = touching_vectors(box)
     >>> found.vectors[0], found.vertices.tolist()
     (array([0., 0., 1.]), [0, 0, 1, 1, 2, 2, 3, 3])
@@ -73,7 +73,7 @@ def touching_vectors(mesh: QuadMesh) -> Touching:
     return Touching(vectors, number[order], np.concatenate(directions)[order])
 
 
-def _star_freedom(mesh: QuadMesh, star: Stars, rank: float) -> tuple[Floats, Mask, Floats]:
+def _star_freedom(mesh: PolyMesh, star: Stars, rank: float) -> tuple[Floats, Mask, Floats]:
     """Shortest vectors (n, 3), and which (n, 3) of the axes (n, 3, 3) leave all planes alone."""
     normals = mesh.face_normals[star.faces]
     missing = max(3 - normals.shape[1], 0)
@@ -82,12 +82,12 @@ def _star_freedom(mesh: QuadMesh, star: Stars, rank: float) -> tuple[Floats, Mas
     return common_vectors(normals, rank), values <= rank * values[:, :1], axes
 
 
-def parallel_slides(mesh: QuadMesh, touching: Touching) -> tuple[Floats, Any]:
+def parallel_slides(mesh: PolyMesh, touching: Touching) -> tuple[Floats, Any]:
     """Smallest slides that make edges as parallel as can be, and their equations.
 
     Parameters
     ----------
-    mesh : QuadMesh
+    mesh : PolyMesh
         Without zero edges.
     touching : Touching
 
@@ -122,7 +122,7 @@ def parallel_slides(mesh: QuadMesh, touching: Touching) -> tuple[Floats, Any]:
     return slides, matrix
 
 
-def _unforced_edges(mesh: QuadMesh) -> Indices:
+def _unforced_edges(mesh: PolyMesh) -> Indices:
     """Edges that planes do not force to stay parallel: boundary edges and flat ones."""
     topology = mesh.topology
     left, right = topology.edge_faces.T

@@ -10,7 +10,7 @@ import numpy as np
 
 from pqmesh.errors import MeshError
 from pqmesh.mesh.measure import circularity_defect, fitted_cones, planarity
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.offset.parallel import ZERO_BAND, ZERO_FLOOR, check_edges
 from pqmesh.offset.slides import parallel_slides, touching_vectors
 from pqmesh.offset.vectors import (
@@ -56,12 +56,12 @@ class OffsetSpace:
     parallel_error_boundary: float
 
 
-def offset_space(mesh: QuadMesh, kind: str, tolerance: float = 1e-6) -> OffsetSpace:
+def offset_space(mesh: PolyMesh, kind: str, tolerance: float = 1e-6) -> OffsetSpace:
     """Offsets of a kind that a mesh has, their number of parameters and the best of them.
 
     Parameters
     ----------
-    mesh : QuadMesh
+    mesh : PolyMesh
         Without zero edges; for vertices in one piece.
     kind : str
         One of `SPACES`.
@@ -95,7 +95,7 @@ def offset_space(mesh: QuadMesh, kind: str, tolerance: float = 1e-6) -> OffsetSp
 # --- faces ------------------------------------------------------------------------------------
 
 
-def face_offset_space(mesh: QuadMesh, tolerance: float) -> OffsetSpace:
+def face_offset_space(mesh: PolyMesh, tolerance: float) -> OffsetSpace:
     """Vectors s with n_f . s = 1 at every corner, and edges as parallel as can be.
 
     The condition leaves a vertex free along the directions that all its planes contain: where
@@ -133,7 +133,7 @@ def _free_slides(matrix: Any, flatness: float) -> int:
     return int(np.count_nonzero(low_spectrum(matrix, band, 4).values <= band))
 
 
-def turned_edges(mesh: QuadMesh, vectors: Floats) -> tuple[float, float]:
+def turned_edges(mesh: PolyMesh, vectors: Floats) -> tuple[float, float]:
     """Largest move of one end of an edge against the other, across it: inner and boundary."""
     low, high = mesh.edges.T
     along = mesh.edge_vectors / mesh.edge_lengths[:, None]
@@ -145,7 +145,7 @@ def turned_edges(mesh: QuadMesh, vectors: Floats) -> tuple[float, float]:
 # --- vertices ---------------------------------------------------------------------------------
 
 
-def vertex_offset_space(mesh: QuadMesh, tolerance: float) -> OffsetSpace:
+def vertex_offset_space(mesh: PolyMesh, tolerance: float) -> OffsetSpace:
     """Unit vectors s that each edge reflects into each other: the offsets of circular meshes.
 
     One unit vector at a vertex gives all others, and every loop of reflections must keep it: it
@@ -177,7 +177,7 @@ def vertex_offset_space(mesh: QuadMesh, tolerance: float) -> OffsetSpace:
 
 
 # Kind -> its space; that of edges comes a stage later, as `koebe.edge_offset.edge_offset_space`.
-SPACES: dict[str, Callable[[QuadMesh, float], OffsetSpace]] = {
+SPACES: dict[str, Callable[[PolyMesh, float], OffsetSpace]] = {
     "vertex": vertex_offset_space,
     "face": face_offset_space,
 }

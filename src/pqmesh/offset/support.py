@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.vectors import TINY, Floats, Indices, angle, cross, dot, norm, unit
 
 
@@ -46,7 +46,7 @@ class SupportStructure:
 
 
 def support_structure(
-    mesh: QuadMesh, axes: Floats, lower: QuadMesh, upper: QuadMesh
+    mesh: PolyMesh, axes: Floats, lower: PolyMesh, upper: PolyMesh
 ) -> SupportStructure:
     """Webs between two layers of a mesh with given node axes (V, 3)."""
     i, j = mesh.edges[:, 0], mesh.edges[:, 1]
@@ -56,7 +56,7 @@ def support_structure(
     return SupportStructure(quads, mesh.edges, twist(mesh, axes))
 
 
-def twist(mesh: QuadMesh, axes: Floats) -> Floats:
+def twist(mesh: PolyMesh, axes: Floats) -> Floats:
     """Angle between the planes (edge, axis) at the two ends of each edge, (E,), radians.
 
     References: torsion-free nodes [pottmann2007].

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import breadth_first_order
 
 from pqmesh.errors import MeshError
 from pqmesh.linear import SymmetricPattern
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.offset.slides import parallel_slides, touching_vectors
 from pqmesh.vectors import Floats, Indices, dot, norm, unit
 
@@ -47,7 +47,7 @@ class OffsetVectors:
 # --- face offsets ---------------------------------------------------------------------------
 
 
-def face_offset_vectors(mesh: QuadMesh) -> OffsetVectors:
+def face_offset_vectors(mesh: PolyMesh) -> OffsetVectors:
     """Vectors w with n_f . w = 1 for every face at a vertex, edges parallel.
 
     Interior vertices have one such vector when the mesh is conical (least squares elsewhere).
@@ -60,7 +60,7 @@ def face_offset_vectors(mesh: QuadMesh) -> OffsetVectors:
 
     Examples
     --------
-    >>> box = QuadMesh.of([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
+    >>> box = PolyMesh.of([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
     >>> face_offset_vectors(box).vectors[0]
     array([0., 0., 1.])
     """
@@ -74,7 +74,7 @@ def face_offset_vectors(mesh: QuadMesh) -> OffsetVectors:
 # --- vertex offsets -------------------------------------------------------------------------
 
 
-def vertex_offset_vectors(mesh: QuadMesh, tolerance: float = CLOSING) -> OffsetVectors:
+def vertex_offset_vectors(mesh: PolyMesh, tolerance: float = CLOSING) -> OffsetVectors:
     """Unit vectors s with s_j = s_i - 2 (s_i . u) u along every edge: offsets of circular meshes.
 
     The reflections are chained over a spanning tree; the free start vector is the one whose
@@ -125,7 +125,7 @@ def starts_by_closing(maps: Floats, links: Indices, reflections: Floats) -> tupl
     return values, basis
 
 
-def reflections_from_root(mesh: QuadMesh) -> tuple[Floats, Indices, Floats]:
+def reflections_from_root(mesh: PolyMesh) -> tuple[Floats, Indices, Floats]:
     """Products of the edges' reflections from vertex 0 to each vertex; edges, their reflections.
 
     Returns
@@ -160,7 +160,7 @@ def reflections_from_root(mesh: QuadMesh) -> tuple[Floats, Indices, Floats]:
 # --- parallel meshes ------------------------------------------------------------------------
 
 
-def parallel_offset_vectors(mesh: QuadMesh, *, rounds: int = 40) -> OffsetVectors:
+def parallel_offset_vectors(mesh: PolyMesh, *, rounds: int = 40) -> OffsetVectors:
     """Member s of P(M) nearest to n_f . s = 1: what a planar mesh offers as an offset.
 
     Equality-constrained least squares by multipliers on one factorisation; edges stay parallel

@@ -45,11 +45,12 @@ class Assembly:
         self._elements = [
             _Elements(self._rows(goal, row), self.size // 3) for goal in problem.goals
         ]
-        faces = _faces_by_size(mesh)
+        groups = mesh.topology.face_groups
         self._brakes = [
-            _Elements(row[self.first["vertices"] + corners], self.size // 3) for _, corners in faces
+            _Elements(row[self.first["vertices"] + group.corners], self.size // 3)
+            for group in groups
         ]
-        self._braked = [rows for rows, _ in faces]
+        self._braked = [group.faces for group in groups]
         self._stiffness = 1.0 / (mesh.mean_edge_length**2 * max(mesh.topology.n_faces, 1))
         every = [*self._elements, *self._brakes]
         self.pattern = BlockPattern(
@@ -202,14 +203,3 @@ class _Elements:
 def _summing(target: Indices, source: Indices, shape: tuple[int, int]) -> csr_array:
     """Matrix that adds up sources at their targets."""
     return csr_array((np.ones(len(source)), (target, source)), shape=shape)
-
-
-def _faces_by_size(mesh: PolyMesh) -> list[tuple[Indices, Indices]]:
-    """Faces of each size: their numbers (n,) and corners (n, k)."""
-    topology = mesh.topology
-    groups = []
-    for size in np.unique(topology.face_sizes):
-        rows = np.flatnonzero(topology.face_sizes == size)
-        corners = topology.indices[topology.offsets[rows][:, None] + np.arange(size)]
-        groups.append((rows, corners))
-    return groups

@@ -10,6 +10,9 @@ from pqmesh.optimize.guard import Guard
 from pqmesh.optimize.problem import Goal
 from pqmesh.vectors import Floats, norm
 
+# A last move as small as this, in mean edges, has found the optimum of the soft goals.
+SETTLED = 1e-4
+
 
 @dataclass(frozen=True)
 class Step:
@@ -76,7 +79,7 @@ class Best:
 
     def settled(self, steps: list[Step]) -> bool:
         """Hard goals within tolerance and the last step small."""
-        return self.history[-1] <= 1.0 and steps[-1].moved < 1e-5 and steps[-1].share == 1.0
+        return self.history[-1] <= 1.0 and steps[-1].moved < SETTLED and steps[-1].share == 1.0
 
     def stuck(self, steps: list[Step]) -> bool:
         """Three short steps that hardly moved anything while hard goals are open."""

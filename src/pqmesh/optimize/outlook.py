@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from pqmesh.linear import SymmetricPattern
 from pqmesh.mesh.conjugacy import Conjugacy, conjugacy
 from pqmesh.mesh.measure import nonconvex_faces
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
+from pqmesh.optimize.assembly import Assembly, Part
 from pqmesh.optimize.problem import Problem, gathered
 from pqmesh.optimize.recipes import KINDS, problem_for
 from pqmesh.surface.reference import Reference
@@ -119,7 +119,7 @@ class Outlook:
 
 
 def outlook(
-    kind: str, mesh: QuadMesh, reference: Reference | None = None, *, boundary: str = "free"
+    kind: str, mesh: PolyMesh, reference: Reference | None = None, *, boundary: str = "free"
 ) -> Outlook:
     """What an optimisation will meet: one sparse linear solve, no iteration.
 
@@ -142,7 +142,7 @@ def outlook(
     ----------
     kind : 'planar', 'conical', 'circular' or 'edge-offset'
         For edge offsets no move is predicted, nor for more than 50 000 faces.
-    mesh : QuadMesh
+    mesh : PolyMesh
         The start.
     reference : Reference, optional
         The surface to stay close to; the mesh's own tangent planes without.
@@ -168,7 +168,7 @@ def outlook(
     if kind in KINDS and mesh.topology.n_faces <= MOST_FACES:
         own = _TangentPlanes(mesh.vertices, mesh.vertex_normals)
         problem = problem_for(kind, mesh, reference or own, boundary=boundary)
-        moves = _looked_ahead(problem)
+        moves = _looked_ahead(problem, mesh)
     return Outlook(
         kind=kind,
         verdict=found.verdict,
@@ -193,49 +193,31 @@ class _TangentPlanes:
         return self.feet, self.normals, self
 
 
-def _looked_ahead(problem: Problem) -> Floats | None:
+def _looked_ahead(problem: Problem, mesh: PolyMesh) -> Floats | None:
     """Moves (V, 3) of the first step of Gauss and Newton; None where it does not exist."""
-    names = list(problem.blocks)
-    sizes = [len(problem.blocks[name]) for name in names]
-    first = dict(zip(names, np.cumsum([0, *sizes[:-1]]).tolist(), strict=True))
-    free = np.ones(sum(sizes), dtype=np.bool_)
-    for name, mask in problem.fixed.items():
-        free[first[name] : first[name] + len(mask)] = ~mask
-    rows, columns, values, residuals, count = [], [], [], [], 0
+    parts, residuals = [], []
     for goal in problem.goals:
         residual, jacobian = goal.term.evaluate(gathered(goal.term, problem.blocks))
-        m, r, k, _ = jacobian.shape
-        scale = np.sqrt(goal.weight / max(m, 1) * (1.0 if goal.hard else SOFT_SHARE))
-        stencil = [first[name] + table for name, table in goal.term.stencils.items()]
-        unknown = 3 * np.concatenate(stencil, axis=1)[:, None, :, None] + np.arange(3)
-        row = count + np.arange(m * r).reshape(m, r, 1, 1)
-        columns.append(np.broadcast_to(unknown, (m, r, k, 3)).ravel())
-        rows.append(np.broadcast_to(row, (m, r, k, 3)).ravel())
-        values.append(scale * jacobian.ravel())
-        residuals.append(scale * goal.beyond(residual).ravel())
-        count += m * r
-    shape = (count, 3 * len(free))
-    entries = (np.concatenate(rows), np.concatenate(columns))
-    jacobi = csr_array((np.concatenate(values), entries), shape=shape)[:, np.repeat(free, 3)]
-    step = np.zeros((len(free), 3))
-    if jacobi.shape[1]:
-        normal = coo_array(jacobi.T @ jacobi)
-        pattern = SymmetricPattern(
-            normal.row.astype(np.int64), normal.col.astype(np.int64), normal.shape[0]
+        parts.append(
+            Part(goal.weight / max(len(residual), 1) * (1.0 if goal.hard else SOFT_SHARE), jacobian)
         )
+        residuals.append(goal.beyond(residual))
+    assembly = Assembly(problem, mesh)
+    still = np.zeros(mesh.topology.n_faces)
+    blocks = {name: np.zeros_like(block) for name, block in problem.blocks.items()}
+    if assembly.size:
         try:
-            factor = pattern.factor(pattern.values(normal.data))
-            found = factor.solve(-(jacobi.T @ np.concatenate(residuals)))
+            factor = assembly.factor(assembly.matrix(parts, 0.0, still))
         except ArithmeticError:
             return None
-        if not np.isfinite(found).all():
+        step = factor.solve(assembly.descent(parts, residuals))
+        if not np.isfinite(step).all():
             return None
-        step[free] = found.reshape(-1, 3)
-    start = first["vertices"]
-    return read_only(step[start : start + len(problem.blocks["vertices"])])
+        blocks = assembly.moved(blocks, step)
+    return read_only(blocks["vertices"])
 
 
-def _regions(mesh: QuadMesh, found: Conjugacy) -> list[Region]:
+def _regions(mesh: PolyMesh, found: Conjugacy) -> list[Region]:
     """Groups of far faces that share edges, largest sum of turns first."""
     far = found.is_far
     label = _pieces(mesh, far)
@@ -261,7 +243,7 @@ def _regions(mesh: QuadMesh, found: Conjugacy) -> list[Region]:
     return result
 
 
-def _pieces(mesh: QuadMesh, chosen: Mask) -> Indices:
+def _pieces(mesh: PolyMesh, chosen: Mask) -> Indices:
     """Label of the connected piece of each chosen face, shape (F,)."""
     pairs = mesh.topology.edge_faces[~mesh.topology.is_boundary_edge]
     pairs = pairs[chosen[pairs].all(axis=1)]
@@ -270,7 +252,7 @@ def _pieces(mesh: QuadMesh, chosen: Mask) -> Indices:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def _broken(mesh: QuadMesh) -> list[Broken]:
+def _broken(mesh: PolyMesh) -> list[Broken]:
     """Broken faces and short edges."""
     centers, ends = mesh.face_centers, mesh.edges
     middles = mesh.vertices[ends].mean(axis=1)
@@ -285,7 +267,7 @@ def _broken(mesh: QuadMesh) -> list[Broken]:
     ]
 
 
-def _turned_over(mesh: QuadMesh) -> Indices:
+def _turned_over(mesh: PolyMesh) -> Indices:
     """Faces whose normals look against those of their neighbours, beyond 120 degrees; rising.
 
     By the mean of the cosines: the neighbours of a cube's face look nowhere on average.
@@ -299,11 +281,13 @@ def _turned_over(mesh: QuadMesh) -> Indices:
     )
 
 
-def _short_edges(mesh: QuadMesh) -> Indices:
+def _short_edges(mesh: PolyMesh) -> Indices:
     """Edges much shorter than those opposite to them in their faces; rising."""
-    sides = mesh.topology.face_edges.reshape(-1, 4)
+    topology = mesh.topology
+    quads = np.flatnonzero(topology.face_sizes == 4)
+    sides = topology.face_edges[topology.offsets[quads][:, None] + np.arange(4)]
     opposite = mesh.edge_lengths[np.roll(sides, 2, axis=1)]
     number = mesh.topology.n_edges
     total = np.bincount(sides.ravel(), opposite.ravel(), minlength=number)
-    mean = total / np.bincount(sides.ravel(), minlength=number)
-    return np.flatnonzero(mesh.edge_lengths < SHORT_EDGE * mean)
+    count = np.bincount(sides.ravel(), minlength=number)
+    return np.flatnonzero(mesh.edge_lengths < SHORT_EDGE * total / np.maximum(count, 1))

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
 
-from pqmesh.errors import MeshError
+from pqmesh.errors import MeshError, SpecError
 from pqmesh.vectors import Floats, Indices, Mask
+
+# An inequality is brought into its slack by no more than this, in the unit of its residual.
+MOST_ROOM = 1e-3
 
 # Unknowns by name: rows of 3-vectors, e.g. "vertices" (V, 3) and "axes" (n, 3).
 Blocks = Mapping[str, Floats]
@@ -73,6 +77,11 @@ class Goal:
         Largest residual at which a hard term counts as reached.
     slack : float
         Residuals of a hard term within +-slack are as good as zero: an inequality.
+
+    Raises
+    ------
+    SpecError
+        When the weight is not a finite number above 0, or tolerance or slack are below 0.
     """
 
     name: str
@@ -82,11 +91,24 @@ class Goal:
     tolerance: float = 1e-12
     slack: float = 0.0
 
+    def __post_init__(self) -> None:
+        if not 0 < self.weight < math.inf:
+            raise SpecError(
+                f"A weight must be a finite number above 0; that of {self.name!r} is "
+                f"{self.weight:g}. Raise it, or leave the goal out."
+            )
+        for key, value in (("tolerance", self.tolerance), ("slack", self.slack)):
+            if not 0 <= value < math.inf:
+                raise SpecError(
+                    f"The {key} of a goal must be a finite number, at least 0; that of "
+                    f"{self.name!r} is {value:g}. Mend it."
+                )
+
     def beyond(self, residual: Floats, share: float = 1.0) -> Floats:
         """What of each residual lies beyond the slack, or beyond a share of it."""
         if self.slack == 0.0:
             return residual
-        room = share * self.slack
+        room = max(share * self.slack, self.slack - MOST_ROOM)
         return np.asarray(residual - np.clip(residual, -room, room))
 
 

@@ -7,8 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pqmesh.errors import SpecError
-from pqmesh.mesh.quadmesh import QuadMesh
-from pqmesh.optimize.problem import Goal, Problem
+from pqmesh.mesh.quadmesh import PolyMesh
+from pqmesh.optimize.constrained import constrained
+from pqmesh.optimize.constraints import Constraints
+from pqmesh.optimize.problem import Goal, Problem, Term
+from pqmesh.optimize.selection import boundary_corners
 from pqmesh.optimize.terms import (
     Circularity,
     Closeness,
@@ -16,17 +19,15 @@ from pqmesh.optimize.terms import (
     Conicality,
     Gliding,
     Planarity,
+    PolygonPlanarity,
     anchor,
     fairness,
     held_edges,
 )
 from pqmesh.surface.reference import Reference
-from pqmesh.vectors import Mask, norm
 
-KINDS = ("planar", "conical", "circular")
+KINDS = ("planar", "conical", "circular", "conical-circular")
 BOUNDARIES = ("free", "fixed", "glide")
-# A boundary vertex whose edges turn by more than this is a corner and stays when gliding.
-CORNER_TURN = np.radians(30.0)
 
 
 @dataclass(frozen=True)
@@ -37,34 +38,44 @@ class Weights:
     edges: float = 1.0
     fairness: float = 0.1
     anchor: float = 1e-3
-    glide: float = 100.0
 
 
 def problem_for(
     kind: str,
-    mesh: QuadMesh,
+    mesh: PolyMesh,
     reference: Reference,
     *,
     boundary: str = "free",
     weights: Weights | None = None,
     warp: float = 0.0,
+    constraints: Constraints | None = None,
 ) -> Problem:
     """Problem whose solution is a mesh of the given kind close to start and reference.
 
     Parameters
     ----------
-    kind : 'planar', 'conical' or 'circular'
-    mesh : QuadMesh
+    kind : 'planar', 'conical', 'circular' or 'conical-circular'
+        The last is both at once: principal nets of few surfaces are, those of revolution among
+        them.
+    mesh : PolyMesh
+        Faces of any size: triangles are flat and circular, polygons with more than four corners
+        have k - 3 equations for each property. A vertex is asked to be conical when it is
+        interior and of valence 4 or more; three planes always touch a cone.
     reference : Reference
     boundary : 'free', 'fixed' or 'glide'
+        Boundary vertices move freely, stay, or move on the boundary curve of the start, whose
+        corners stay.
     weights : Weights, optional
     warp : float, model unit
-        Panels may be out of plane by so much (distance of the diagonals).
+        Panels may be out of plane by so much (distance of the diagonals, for polygons each of
+        their `PolygonPlanarity`).
+    constraints : Constraints, optional
+        What is asked of the mesh beside.
 
     Raises
     ------
     SpecError
-        For an unknown kind or boundary.
+        For an unknown kind or boundary, and for constraints that contradict each other.
     """
     if kind not in KINDS:
         raise SpecError(f"The kind must be one of {', '.join(KINDS)}; found {kind!r}. Choose one.")
@@ -74,15 +85,14 @@ def problem_for(
         )
     weights = weights or Weights()
     blocks = {"vertices": mesh.vertices}
-    slack = warp / mesh.mean_edge_length
-    goals = [Goal("planarity", Planarity.on(mesh), hard=True, tolerance=1e-12, slack=slack)]
-    if kind == "conical":
+    goals = _planarity(mesh, warp / mesh.mean_edge_length)
+    if "conical" in kind:
         goals.append(Goal("conicality", Conicality.on(mesh), hard=True, tolerance=1e-11))
         axes = Cone.start_axes(mesh)
         if len(axes):
             blocks["axes"] = axes
-            goals.append(Goal("cone", Cone.on(mesh), hard=True, tolerance=1e-11))
-    if kind == "circular":
+            goals += _cones(mesh)
+    if "circular" in kind:
         goals.append(Goal("circularity", Circularity.on(mesh), hard=True, tolerance=1e-11))
     goals += [
         Goal("closeness", Closeness.on(mesh, reference), weights.closeness),
@@ -98,16 +108,43 @@ def problem_for(
         fixed["vertices"] = corners
         gliding = np.flatnonzero(mesh.topology.is_boundary_vertex & ~corners)
         if len(gliding):
-            goals.append(Goal("glide", Gliding.on(mesh, gliding), weights.glide))
-    return Problem(blocks, tuple(goals), fixed)
+            goals.append(Goal("glide", Gliding.on(mesh, gliding), hard=True))
+    problem = Problem(blocks, tuple(goals), fixed)
+    return constrained(problem, mesh, reference, constraints) if constraints else problem
 
 
-def boundary_corners(mesh: QuadMesh) -> Mask:
-    """Boundary vertices at which the boundary turns sharply, shape (V,)."""
-    corners = np.zeros(mesh.topology.n_vertices, dtype=np.bool_)
-    for loop in mesh.topology.boundary_loops:
-        points = mesh.vertices[loop]
-        ahead, behind = np.roll(points, -1, axis=0) - points, points - np.roll(points, 1, axis=0)
-        turn = np.arctan2(norm(np.cross(behind, ahead)), np.einsum("ni,ni->n", behind, ahead))
-        corners[loop[turn > CORNER_TURN]] = True
-    return corners
+def _planarity(mesh: PolyMesh, slack: float) -> list[Goal]:
+    """Goals that make every face flat: one for quads, and one for each size of polygons."""
+    terms: dict[str, Term] = {"planarity": Planarity.on(mesh)}
+    for _, corners in mesh.topology.face_groups:
+        size = corners.shape[1]
+        if size > 4:
+            terms[f"planarity of {size}-gons"] = PolygonPlanarity.on(mesh, size)
+    return _shared(terms, tolerance=1e-12, slack=slack)
+
+
+def _cones(mesh: PolyMesh) -> list[Goal]:
+    """Goals of the cones at vertices of valence above 4: one for each size of faces there."""
+    terms: dict[str, Term] = {"cone": Cone.on(mesh)}
+    for _, corners in mesh.topology.face_groups:
+        size = corners.shape[1]
+        if size != 4:
+            terms[f"cone of {size}-gons"] = Cone.on(mesh, size)
+    return _shared(terms, tolerance=1e-11)
+
+
+def _shared(terms: dict[str, Term], *, tolerance: float, slack: float = 0.0) -> list[Goal]:
+    """Hard goals that share one weight by the number of their elements.
+
+    A lone pentagon among a thousand quads then counts as much as one of them.
+    """
+    counts = {name: len(term.stencils["vertices"]) for name, term in terms.items()}
+    total = sum(counts.values())
+    if not total:
+        name, term = next(iter(terms.items()))
+        return [Goal(name, term, hard=True, tolerance=tolerance, slack=slack)]
+    return [
+        Goal(name, term, counts[name] / total, hard=True, tolerance=tolerance, slack=slack)
+        for name, term in terms.items()
+        if counts[name]
+    ]

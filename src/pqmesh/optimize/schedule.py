@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.conjugacy import conjugacy
+from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
+from pqmesh.optimize.conflicts import answered, hopeless, without
+from pqmesh.optimize.constraints import Constraints
+from pqmesh.optimize.multilevel import coarse_to_fine
+from pqmesh.optimize.problem import Problem
 from pqmesh.optimize.recipes import Weights, problem_for
 from pqmesh.optimize.solver import Solution, Step, solve
 from pqmesh.surface.reference import Reference
@@ -13,19 +18,24 @@ from pqmesh.vectors import norm
 
 # Closeness is relaxed or raised by this factor between tries, within these bounds.
 FACTOR, WEAKEST, STRONGEST = 10.0, 1.0, 1e7
+# Nets of these verdicts go by way of coarser meshes.
+FAR = ("far from conjugate", "asymptotic")
 
 
 def optimized(
     kind: str,
-    start: QuadMesh,
+    start: PolyMesh,
     reference: Reference,
     *,
     boundary: str = "free",
     within: float | None = None,
     warp: float = 0.0,
+    constraints: Constraints | None = None,
     progress: Callable[[Step], None] | None = None,
 ) -> Solution:
     """Solution of a recipe with a closeness that the mesh can bear.
+
+    A net that is far from conjugate goes by way of coarser meshes (`coarse_to_fine`).
 
     A strong pull to the reference keeps the design, but may hold a mesh that has far to go in
     front of a fold; then the pull is relaxed and the try repeated from the start. With `within`
@@ -33,33 +43,65 @@ def optimized(
 
     Parameters
     ----------
-    kind : 'planar', 'conical' or 'circular'
-    start : QuadMesh
+    kind : 'planar', 'conical', 'circular' or 'conical-circular'
+    start : PolyMesh
     reference : Reference
     boundary : 'free', 'fixed' or 'glide'
     within : float, optional, model unit
     warp : float, model unit
         Panels may be out of plane by so much; the rest of the freedom goes to the soft goals.
+    constraints : Constraints, optional
+        What is asked of the mesh beside.
     progress : callable, optional
         Called with every step.
 
     Returns
     -------
     Solution
-        The first that converges; else the one with the smallest hard residuals.
+        The first that converges; else the one with the smallest hard residuals. Where a boundary
+        that stays forbids some faces, the rest is solved, and the reason names them; where it
+        leaves too little room, the reason names the worst faces.
+
+    Raises
+    ------
+    SpecError
+        For an unknown kind or boundary, and for constraints that contradict each other.
     """
 
-    def attempt(weights: Weights) -> Solution:
-        problem = problem_for(kind, start, reference, boundary=boundary, weights=weights, warp=warp)
-        return solve(problem, start, progress=lambda _, step: progress(step) if progress else None)
+    def problem(weights: Weights, first: PolyMesh) -> Problem:
+        return problem_for(
+            kind,
+            first,
+            reference,
+            boundary=boundary,
+            weights=weights,
+            warp=warp,
+            constraints=constraints,
+        )
 
-    weights = Weights()
-    best = solution = attempt(weights)
-    while not solution.converged and weights.closeness / FACTOR >= WEAKEST:
-        weights = replace(weights, closeness=weights.closeness / FACTOR)
-        solution = attempt(weights)
-        if solution.converged or _worst(solution) < _worst(best):
-            best = solution
+    def attempt(weights: Weights, first: PolyMesh) -> Solution:
+        possible = without(problem(weights, first), impossible)
+        return solve(possible, first, progress=lambda _, step: progress(step) if progress else None)
+
+    def by_levels() -> Solution | None:
+        if boundary == "glide" or constraints is not None or not start.topology.is_quad:
+            return None
+        quads = QuadMesh(start.vertices, start.topology)
+        return coarse_to_fine(
+            kind, quads, reference, boundary=boundary, warp=warp, progress=progress
+        )
+
+    impossible = [] if boundary == "free" else hopeless(problem(Weights(), start), start)
+    far = conjugacy(start).verdict in FAR
+    best, weights, first = (by_levels() if far else None), Weights(), start
+    if best is not None and best.converged:
+        # The design is where the levels led; from there it may be pulled closer.
+        first = start.with_vertices(best.blocks["vertices"])
+        weights = replace(weights, closeness=WEAKEST)
+    else:
+        best, weights = _relaxed(attempt, start, best)
+        if not best.converged and not far:
+            best = _better(best, by_levels())
     while (
         within is not None
         and best.converged
@@ -67,11 +109,32 @@ def optimized(
         and weights.closeness * FACTOR <= STRONGEST
     ):
         weights = replace(weights, closeness=weights.closeness * FACTOR)
-        solution = attempt(weights)
+        solution = attempt(weights, first)
         if not solution.converged or _distance(solution, reference) > _distance(best, reference):
             break
         best = solution
-    return best
+    return best if boundary == "free" else answered(best, impossible, start)
+
+
+def _relaxed(
+    attempt: Callable[[Weights, PolyMesh], Solution], start: PolyMesh, best: Solution | None
+) -> tuple[Solution, Weights]:
+    """Tries with a weaker and weaker pull to the reference, until one converges."""
+    weights = Weights()
+    found = _better(attempt(weights, start), best)
+    while not found.converged and weights.closeness / FACTOR >= WEAKEST:
+        weights = replace(weights, closeness=weights.closeness / FACTOR)
+        found = _better(found, attempt(weights, start))
+    return found, weights
+
+
+def _better(solution: Solution, other: Solution | None) -> Solution:
+    """The one that converged, or else has the smaller residuals."""
+    if other is None or (solution.converged and not other.converged):
+        return solution
+    if other.converged or _worst(other) < _worst(solution):
+        return other
+    return solution
 
 
 def _worst(solution: Solution) -> float:

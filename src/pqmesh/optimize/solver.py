@@ -37,14 +37,17 @@ __all__ = ["Solution", "Step", "solve"]
 FIRST_PENALTY, LAST_PENALTY = 1e1, 1e8
 # A start whose hard residuals are below the second number is taken for near: the first penalty is
 # then the first number, and goes back to the ordinary one if the first step shows otherwise.
-NEAR_PENALTY, NEAR = 1e5, 0.02
-# The penalty grows at least by the first factor after a full step; the straighter the hard goals
-# were along it, the more, up to the second: near the solution nothing is gained by small ones.
-LEAST_GROWTH, MOST_GROWTH, BENT = 10.0, 1e5, 0.1
-# Where growth is as large as this, the goals are straight enough to be met exactly in one step:
-# the linearised problem is then solved to so small a share of the residuals, by so many more
-# solutions with the factor at hand.
-STRAIGHT, EXACT, CORRECTIONS = 1e3, 1e-4, 5
+NEAR_PENALTY, NEAR = 1e6, 0.02
+# The penalty grows by this factor after a full step; where the hard goals were straight along it
+# (residuals before over their bend), by the second times that, up to the third: near the solution
+# nothing is gained by small steps of the penalty.
+GROWTH, BENT, MOST_GROWTH = 10.0, 0.1, 1e5
+# This straight, the goals are met exactly in one step: the linearised problem is solved to so
+# small a share of the residuals, by so many more solutions with the factor at hand. A start taken
+# for near has to be as straight as the last number.
+STRAIGHT, EXACT, CORRECTIONS, NEARLY = 1e4, 1e-4, 5, 1e3
+# Rounds of Newton's method with an old factor, each of which has to leave less than such a share.
+ROUNDS, WORTH = 8, 0.3
 # The soft goals damp the finish where hard goals nearly depend on each other (closed meshes), so
 # there they fade further.
 FINISH_PENALTY = 1e12
@@ -53,6 +56,9 @@ FINISH_PENALTY = 1e12
 FINISH_ROOM = 0.97
 # Steps without a better result after which the descent, or the finish, has had its chance.
 PATIENCE = 12
+# A step that moves no vertex by more than this, in mean edges, finds the soft goals at rest.
+# So many steps at the last penalty are waited for that.
+AT_REST, RESTLESS = 1e-2, 4
 # Longest move of a vertex in one step, in mean edges.
 LONGEST_STEP = 0.3
 # A face that would break is braked: first as stiff as a hard goal, then ten times as stiff; so
@@ -133,10 +139,16 @@ def solve(
         if state.finishing and best.stalled(4 if step.penalty >= FINISH_PENALTY else PATIENCE):
             return best.solution(tuple(steps), best.at_rest())
         # The descent may also go in circles where the normals of a faceted reference jump.
-        if not state.finishing and (step.penalty >= LAST_PENALTY or best.stalled(PATIENCE)):
+        if not state.finishing and (_descended(steps) or best.stalled(PATIENCE)):
             state = replace(state, finishing=True, multipliers={})
             best.forget()
     return best.solution(tuple(steps), f"stopped after {most_steps} steps")
+
+
+def _descended(steps: list[Step]) -> bool:
+    """The penalty is at its end, and the soft goals have come to rest or had their time."""
+    last = [step for step in steps[-RESTLESS:] if step.penalty >= LAST_PENALTY]
+    return len(last) == RESTLESS or (bool(last) and last[-1].moved < AT_REST)
 
 
 def _hardest(goals: tuple[Goal, ...], values: tuple[tuple[Floats, Floats], ...]) -> float:
@@ -183,9 +195,16 @@ def _advance(
         if not np.isfinite(direction).all():
             damping = max(10.0 * damping, 1e-8)
             continue
+        taken = None
         if state.straight or state.finishing:
-            here, direction = here.sharpened(direction, factor)
-        taken = here.line_search(direction, factor)
+            # Where goals nearly depend on each other, the exact step goes far for nothing.
+            exact, step = here.sharpened(direction, factor)
+            taken = exact.line_search(step, factor)
+            if taken is not None and taken.share == 1.0:
+                here, direction = exact, step
+            else:
+                taken = None
+        taken = taken or here.line_search(direction, factor)
         short = taken is None or taken.share < here.whole(direction)
         blocking = here.blocking(direction) if short and tries else None
         if blocking is not None and blocking.any():
@@ -193,11 +212,25 @@ def _advance(
             stiffer = np.maximum(BRAKE_GROWTH * brakes, FIRST_BRAKE)
             brakes = np.where(blocking, stiffer, brakes)
         elif taken is not None:
-            growth = here.growth(direction, taken)
-            return _updated(replace(here.state, brakes=brakes), taken, damping, growth, length)
+            straight = here.straightness(direction, taken)
+            if straight >= STRAIGHT or state.finishing:
+                taken = here.brought_back(taken, factor)
+            return _updated(replace(here.state, brakes=brakes), taken, damping, straight, length)
         else:
             damping = max(30.0 * damping, 1e-6)
     return replace(state, damping=damping), None
+
+
+def _excess(goals: tuple[Goal, ...], residuals: list[Floats]) -> float:
+    """Largest hard residual in units of its tolerance."""
+    return max(
+        (
+            float(np.abs(residual).max(initial=0.0)) / goal.tolerance
+            for goal, residual in zip(goals, residuals, strict=True)
+            if goal.hard
+        ),
+        default=0.0,
+    )
 
 
 class _Taken(NamedTuple):
@@ -252,8 +285,13 @@ class _Place:
         added, and the step solved again with the factor at hand, until hardly any is left.
         """
         goals = self.state.goals
-        old = [goal.beyond(value) for goal, (value, _) in zip(goals, self.state.values, strict=True)]
-        first = max((float(np.abs(r).max(initial=0.0)) for g, r in zip(goals, old, strict=True) if g.hard), default=0.0)
+        old = [
+            goal.beyond(value) for goal, (value, _) in zip(goals, self.state.values, strict=True)
+        ]
+        first = max(
+            (float(np.abs(r).max(initial=0.0)) for g, r in zip(goals, old, strict=True) if g.hard),
+            default=0.0,
+        )
         total = [np.zeros_like(residual) for residual in old]
         before = first
         for _ in range(CORRECTIONS):
@@ -282,12 +320,38 @@ class _Place:
         merit = _merit(self.parts, _shifted(state, state.values))
         return replace(self, state=state, merit=merit), direction
 
-    def growth(self, direction: Floats, taken: _Taken) -> float:
-        """Factor for the penalty after a step: large where the hard goals were nearly straight."""
+    def brought_back(self, taken: _Taken, factor: Factor) -> _Taken:
+        """A whole step with what it left of the hard goals taken away, as far as that is cheap.
+
+        Newton's method with the factor of the step: it costs no new factorisation, and goes on as
+        long as each round takes most of what is left.
+        """
         if taken.share < 1.0:
-            return 1.0
-        if taken.bent:
-            return LEAST_GROWTH
+            return taken
+        goals = self.state.goals
+        for _ in range(ROUNDS):
+            left = [
+                goal.beyond(residual) if goal.hard else np.zeros_like(residual)
+                for goal, (residual, _) in zip(goals, taken.values, strict=True)
+            ]
+            excess = _excess(goals, left)
+            if excess <= 0.1:
+                break
+            correction = factor.solve(self.assembly.descent(self.parts, left))
+            blocks = self.assembly.moved(taken.blocks, correction)
+            values = self._values(blocks) if np.isfinite(correction).all() else None
+            if values is None:
+                break
+            after = [goal.beyond(value) for goal, (value, _) in zip(goals, values, strict=True)]
+            if _excess(goals, after) > WORTH * excess:
+                break
+            taken = taken._replace(blocks=blocks, values=values)
+        return taken
+
+    def straightness(self, direction: Floats, taken: _Taken) -> float:
+        """How straight the hard goals were along a step: residuals before it over their bend."""
+        if taken.share < 1.0 or taken.bent:
+            return 0.0
         bend = before = 0.0
         changes = self.assembly.changes(self.parts, direction)
         at, after = self.state.values, taken.values
@@ -297,8 +361,7 @@ class _Place:
             if goal.hard:
                 bend = max(bend, float(np.abs(new - old - change).max(initial=0.0)))
                 before = max(before, float(np.abs(old).max(initial=0.0)))
-        straight = BENT * before / max(bend, TINY)
-        return min(max(straight, LEAST_GROWTH), MOST_GROWTH)
+        return before / max(bend, TINY)
 
     def whole(self, direction: Floats) -> float:
         """Share of the step at which a vertex moves as far as it may, at most 1."""
@@ -308,8 +371,7 @@ class _Place:
         """Faces (F,) that the whole step would break, or an edge of theirs."""
         step = self.whole(direction) * direction
         blocks = self.assembly.moved(self.state.blocks, step)
-        faces, edges = self.guard.broken(blocks["vertices"])
-        return np.asarray(faces | self.guard.beside(edges))
+        return self.guard.blocked(blocks["vertices"])
 
     def _longest(self, direction: Floats) -> float:
         """Longest move of a vertex, model unit."""
@@ -364,7 +426,7 @@ def _merit(parts: list[Part], residuals: list[Floats]) -> float:
 
 
 def _updated(
-    state: _State, taken: _Taken, damping: float, growth: float, length: float
+    state: _State, taken: _Taken, damping: float, straight: float, length: float
 ) -> tuple[_State, Step]:
     """State after an accepted step: multipliers, penalty and damping follow."""
     moves = norm(taken.blocks["vertices"] - state.blocks["vertices"])
@@ -377,10 +439,12 @@ def _updated(
                 shift = multipliers.get(goal.name, 0.0) / state.penalty
                 multipliers[goal.name] = state.penalty * goal.beyond(residual + shift)
     penalty = state.penalty
-    if state.straight and growth < LEAST_GROWTH * 10.0 and penalty == NEAR_PENALTY:
+    if penalty == NEAR_PENALTY and state.straight and straight < NEARLY:
+        # The start was not so near after all.
         penalty, multipliers = FIRST_PENALTY, {}
     elif taken.share == 1.0:
         highest = FINISH_PENALTY if state.finishing else LAST_PENALTY
+        growth = min(BENT * straight, MOST_GROWTH) if straight >= STRAIGHT else GROWTH
         penalty = min(penalty * growth, highest)
         damping = max(damping * 0.1, 1e-12)
     elif taken.share < 0.25:
@@ -393,7 +457,7 @@ def _updated(
         multipliers=multipliers,
         penalty=penalty,
         damping=damping,
-        straight=growth >= STRAIGHT,
+        straight=straight >= STRAIGHT,
     ), step
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pqmesh.mesh.measure import circularity_defect, corner_angles, fitted_cones, planarity
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.optimize.advice import place
 from pqmesh.optimize.guard import Guard
 from pqmesh.optimize.solver import Solution
@@ -67,8 +67,8 @@ class Worst:
 
 def worst_places(
     kind: str,
-    start: QuadMesh,
-    mesh: QuadMesh,
+    start: PolyMesh,
+    mesh: PolyMesh,
     solution: Solution,
     reference: Reference,
     origin: Floats | float = 0.0,
@@ -78,7 +78,7 @@ def worst_places(
     Parameters
     ----------
     kind : str
-    start, mesh : QuadMesh
+    start, mesh : PolyMesh
         Before and after, of the same faces.
     solution : Solution
     reference : Reference
@@ -99,11 +99,11 @@ def worst_places(
     """
     centers, points = mesh.face_centers + origin, mesh.vertices + origin
     faces = _largest("planarity", planarity(mesh), centers)
-    if kind == "circular":
+    if "circular" in kind:
         faces += _largest("circularity_deg", np.degrees(np.abs(circularity_defect(mesh))), centers)
     faces += _smallest("corner_deg", _corner_room(mesh), centers)
     vertices = []
-    if kind == "conical":
+    if "conical" in kind:
         cones = fitted_cones(mesh)
         vertices += _largest(
             "cone_spread", cones.relative_spread, points[cones.vertices], cones.vertices
@@ -146,13 +146,14 @@ def _smallest(measure: str, values: Floats, at: Floats) -> list[Place]:
     return [Place((int(i),), measure, float(values[i]), at[i]) for i in order]
 
 
-def _corner_room(mesh: QuadMesh) -> Floats:
+def _corner_room(mesh: PolyMesh) -> Floats:
     """Smallest distance of a corner from 0 and 180 degrees in each face, negative beyond, (F,)."""
-    corners = np.degrees(corner_angles(mesh)).reshape(-1, 4)
-    return np.asarray(np.minimum(corners, 180.0 - corners).min(axis=1))
+    corners = np.degrees(corner_angles(mesh))
+    room = np.minimum(corners, 180.0 - corners)
+    return np.asarray(np.minimum.reduceat(room, mesh.topology.offsets[:-1]))
 
 
-def _shrunk(start: QuadMesh, mesh: QuadMesh, origin: Floats | float) -> list[Place]:
+def _shrunk(start: PolyMesh, mesh: PolyMesh, origin: Floats | float) -> list[Place]:
     """Edges that lost most of their length."""
     ratio = mesh.edge_lengths / np.maximum(start.edge_lengths, TINY)
     middles = mesh.vertices[mesh.edges].mean(axis=1) + origin
@@ -170,7 +171,7 @@ def _shrunk(start: QuadMesh, mesh: QuadMesh, origin: Floats | float) -> list[Pla
 
 
 def _limits(
-    start: QuadMesh, mesh: QuadMesh, solution: Solution, origin: Floats | float
+    start: PolyMesh, mesh: PolyMesh, solution: Solution, origin: Floats | float
 ) -> list[str]:
     """What holds an optimisation that did not reach its hard goals."""
     said = []

@@ -10,11 +10,12 @@ from scipy.spatial import cKDTree
 
 from pqmesh.surface.base import Surface
 from pqmesh.surface.closest import closest_point
-from pqmesh.vectors import TINY, Floats, cross, dot, norm, unit
-
+from pqmesh.vectors import TINY, Floats, Indices, cross, dot, norm, unit
 
 # A point this close to a triangle, as a share of the largest radius of one, lies on it.
 ON_IT = 1e-14
+# Cosine between the normals of a triangle and of its corner below which there is a crease.
+CREASE = 0.5
 
 
 class Reference(Protocol):
@@ -48,14 +49,20 @@ class SurfaceReference:
 
 @dataclass(frozen=True, eq=False)
 class TriangleReference:
-    """A triangle mesh; normals are those of the closest triangles, smoothed over their edges.
+    """A triangle mesh with smooth normals: interpolated between those of the corners.
+
+    The normals of the triangles themselves would jump from one to the next, and at a corner be
+    those of any of them: what stays close to the mesh would follow its facets.
 
     Parameters
     ----------
-    corners : (T, 3, 3)
+    corners : (T, 3, 3), model unit
+    normals : (T, 3, 3), optional
+        Unit normals at the corners; those of the triangles without.
     """
 
     corners: Floats
+    normals: Floats | None = None
     _tree: cKDTree = field(init=False, repr=False)
     _radii: Floats = field(init=False, repr=False)
 
@@ -67,16 +74,32 @@ class TriangleReference:
 
     @classmethod
     def of_polygons(cls, vertices: Floats, faces: list[list[int]]) -> TriangleReference:
-        """Polygons as fans about their centres: symmetric, so no diagonal is preferred."""
-        triangles = []
-        for face in faces:
-            points = vertices[face]
-            if len(face) == 3:
-                triangles.append(points[None])
+        """Polygons as fans about their centres: symmetric, so no diagonal is preferred.
+
+        The normal at a vertex is that of all its faces together; where it leaves that of a
+        triangle by more than 60 degrees there is a crease, and the triangle keeps its own.
+        """
+        sizes = np.array([len(face) for face in faces])
+        triangles, corner_vertices, owners = [], [], []
+        for size in np.unique(sizes):
+            chosen = np.flatnonzero(sizes == size)
+            rows = np.array([faces[face] for face in chosen])
+            points = vertices[rows]
+            if size == 3:
+                triangles.append(points)
+                corner_vertices.append(rows)
+                owners.append(chosen)
                 continue
-            center = np.broadcast_to(points.mean(axis=0), points.shape)
-            triangles.append(np.stack([points, np.roll(points, -1, axis=0), center], axis=1))
-        return cls(np.concatenate(triangles))
+            following = np.roll(points, -1, axis=1)
+            center = np.broadcast_to(points.mean(axis=1, keepdims=True), points.shape)
+            fan = np.stack([points, following, center], axis=2)
+            triangles.append(fan.reshape(-1, 3, 3))
+            none = np.full_like(rows, -1)
+            names = np.stack([rows, np.roll(rows, -1, axis=1), none], axis=2)
+            corner_vertices.append(names.reshape(-1, 3))
+            owners.append(np.repeat(chosen, size))
+        corners, names = np.concatenate(triangles), np.concatenate(corner_vertices)
+        return cls(corners, _corner_normals(corners, names, np.concatenate(owners), len(vertices)))
 
     def closest(self, points: Floats) -> tuple[Floats, Floats, TriangleReference]:
         """Exact closest points: nearest centres first, more of them until none can be missed."""
@@ -104,16 +127,48 @@ class TriangleReference:
             if count == len(self.corners):
                 break
             open_rows, count = open_rows[~done], min(4 * count, len(self.corners))
-        a, b, c = np.moveaxis(self.corners[which], 1, 0)
-        normals = unit(cross(b - a, c - a))
+        normals = self._normals_at(feet, which)
         # Nearest to an edge or a corner inside, the way to the foot is the normal: it does not
         # jump between the triangles that meet there. Beyond the rim it runs along the surface
-        # and the triangle's own normal stays.
+        # and the interpolated normal stays.
         way = points - feet
         length, along = norm(way), dot(way, normals)
         steady = (np.abs(along) > 0.5 * length) & (length > 1e-9 * reach)
         turned = unit(way) * np.sign(along)[:, None]
         return feet, np.where(steady[:, None], turned, normals), self
+
+    def _normals_at(self, feet: Floats, triangles: Indices) -> Floats:
+        """Unit normals at points of triangles."""
+        corners = self.corners[triangles]
+        a, b, c = np.moveaxis(corners, 1, 0)
+        flat = cross(b - a, c - a)
+        if self.normals is None:
+            return unit(flat)
+        square = np.maximum(dot(flat, flat), TINY)
+        shares = np.stack(
+            [
+                dot(cross(c - b, feet - b), flat),
+                dot(cross(a - c, feet - c), flat),
+                dot(cross(b - a, feet - a), flat),
+            ],
+            axis=1,
+        )
+        shares = np.clip(shares / square[:, None], 0.0, 1.0)
+        return unit(np.einsum("nk,nki->ni", shares, self.normals[triangles]))
+
+
+def _corner_normals(corners: Floats, names: Indices, owners: Indices, count: int) -> Floats:
+    """Normals (T, 3, 3) at the corners of triangles: of a vertex, or of the polygon (-1)."""
+    areas = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    at_vertex, of_face = np.zeros((count, 3)), np.zeros((int(owners.max()) + 1, 3))
+    np.add.at(of_face, owners, areas)
+    for corner in range(3):
+        known = names[:, corner] >= 0
+        np.add.at(at_vertex, names[known, corner], areas[known])
+    smooth = np.where((names >= 0)[..., None], at_vertex[names], of_face[owners][:, None])
+    smooth, own = unit(smooth), unit(areas)[:, None]
+    crease = np.einsum("tki,tki->tk", smooth, np.broadcast_to(own, smooth.shape)) < CREASE
+    return np.asarray(np.where(crease[..., None], own, smooth))
 
 
 def _closest_on_triangles(corners: Floats, points: Floats) -> Floats:

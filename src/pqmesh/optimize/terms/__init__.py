@@ -1,19 +1,34 @@
 """The terms of pqmesh. A new one is a file here and a line in `TERMS`."""
 
 from pqmesh.optimize.terms.angles import Circularity, Conicality
-from pqmesh.optimize.terms.closeness import Closeness, Gliding
+from pqmesh.optimize.terms.axis import NodeAxis
+from pqmesh.optimize.terms.closeness import Closeness, Within
 from pqmesh.optimize.terms.cone import Cone
+from pqmesh.optimize.terms.curves import Gliding, OnCurve
 from pqmesh.optimize.terms.linear import anchor, fairness, held_edges
-from pqmesh.optimize.terms.planarity import Planarity
+from pqmesh.optimize.terms.planarity import Planarity, PolygonPlanarity
+from pqmesh.optimize.terms.planes import OnPlanes, PlanarPolyline
+from pqmesh.optimize.terms.sizes import EdgeLength, PanelArea, PanelWidth
+from pqmesh.optimize.terms.symmetry import Symmetry
 
 # Name -> constructor; the contract tests run over this table.
 TERMS = {
     "planarity": Planarity.on,
+    "polygon_planarity": PolygonPlanarity.on,
     "conicality": Conicality.on,
     "cone": Cone.on,
     "circularity": Circularity.on,
     "closeness": Closeness.on,
+    "within": Within.on,
     "gliding": Gliding.on,
+    "on_curve": OnCurve.on,
+    "on_planes": OnPlanes.on,
+    "planar_polyline": PlanarPolyline.on,
+    "symmetry": Symmetry.on,
+    "node_axis": NodeAxis.on,
+    "edge_length": EdgeLength.on,
+    "panel_width": PanelWidth.on,
+    "panel_area": PanelArea.on,
     "held_edges": held_edges,
     "fairness": fairness,
     "anchor": anchor,
@@ -25,8 +40,18 @@ __all__ = [
     "Closeness",
     "Cone",
     "Conicality",
+    "EdgeLength",
     "Gliding",
+    "NodeAxis",
+    "OnCurve",
+    "OnPlanes",
+    "PanelArea",
+    "PanelWidth",
+    "PlanarPolyline",
     "Planarity",
+    "PolygonPlanarity",
+    "Symmetry",
+    "Within",
     "anchor",
     "fairness",
     "held_edges",

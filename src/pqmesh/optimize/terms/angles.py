@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.vectors import TINY, Floats, Indices, cross, dot, norm
 
 _ALTERNATING = np.array([1.0, -1.0, 1.0, -1.0])
@@ -37,7 +37,7 @@ class Conicality:
     stencils: Mapping[str, Indices]
 
     @classmethod
-    def on(cls, mesh: QuadMesh) -> Conicality:
+    def on(cls, mesh: PolyMesh) -> Conicality:
         """One element for each interior vertex of valence 4: the vertex and its neighbours."""
         rows = [
             np.column_stack([star.vertices, star.neighbors])
@@ -60,18 +60,25 @@ class Conicality:
 class Circularity:
     """Alternating sum of the corner angles of each quad, radians.
 
+    Triangles have a circle. A polygon is a fan of k - 3 quads from its first corner, each sharing
+    three corners, and so its circle, with the next.
+
     References: [thesis] section 3.2; errata page, E12 (for flat, uncrossed quads).
     """
 
     stencils: Mapping[str, Indices]
 
     @classmethod
-    def on(cls, mesh: QuadMesh) -> Circularity:
-        """One element for each face."""
-        return cls({"vertices": mesh.faces})
+    def on(cls, mesh: PolyMesh) -> Circularity:
+        """One element for each quad, k - 3 for a polygon of k corners."""
+        quads = [np.empty((0, 4), dtype=np.int64)]
+        for _, corners in mesh.topology.face_groups:
+            for i in range(1, corners.shape[1] - 2):
+                quads.append(corners[:, [0, i, i + 1, i + 2]])
+        return cls({"vertices": np.concatenate(quads)})
 
     def evaluate(self, rows: Floats) -> tuple[Floats, Floats]:
-        """Residuals (F, 1) and Jacobian (F, 1, 4, 3)."""
+        """Residuals (m, 1) and Jacobian (m, 1, 4, 3)."""
         following = np.roll(rows, -1, axis=1) - rows
         previous = np.roll(rows, 1, axis=1) - rows
         value, by_p, by_q = angle_gradient(following, previous)

@@ -1,16 +1,20 @@
-"""Terms that follow a reference: closeness to a surface, gliding along a boundary curve."""
+"""Terms that follow a surface: closeness to it, and a bound for the distance from it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
-from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.optimize.problem import Blocks
 from pqmesh.surface.reference import Reference
-from pqmesh.vectors import TINY, Floats, Indices, dot, norm, unit
+from pqmesh.vectors import Floats, Indices, dot, norm, unit
+
+# Vertices nearer than this share of a bound to their last foot point are left alone.
+WELL_WITHIN = 0.9
 
 # Foot points are looked for again once a vertex has moved by this much, in mean edges: the tangent
 # plane then leaves the surface by at most half its square times the curvature.
@@ -54,53 +58,45 @@ class Closeness:
 
 
 @dataclass(frozen=True, eq=False)
-class Gliding:
-    """Distance of boundary vertices to the boundary curve of the start mesh, over the mean edge.
+class Within:
+    """Distance of vertices to a surface, over the mean edge, to be bounded.
 
-    Two residuals across the curve's tangent at the nearest point. Corners of the boundary are
-    to be fixed beside this term.
+    The true distance, not that to a tangent plane: beyond the rim of the surface, and where a
+    vertex slides along, the bound holds all the same. Foot points are sought anew only where the
+    last one is not near enough to show that the vertex is well within.
+
+    Attributes
+    ----------
+    feet : (V, 3)
+        Foot points of the vertices at the last refresh.
+    distance : float, model unit
+        The bound; residuals well below it may be larger than the distance is.
     """
 
     stencils: Mapping[str, Indices]
-    segments: Floats
+    reference: Reference
     feet: Floats
-    across: Floats
+    distance: float
     length: float
 
     @classmethod
-    def on(cls, mesh: QuadMesh, vertices: Indices) -> Gliding:
-        """Elements for the given boundary vertices; the curve is the whole boundary."""
-        loops = mesh.topology.boundary_loops
-        starts = np.concatenate([mesh.vertices[loop] for loop in loops])
-        ends = np.concatenate([mesh.vertices[np.roll(loop, -1)] for loop in loops])
-        segments = np.stack([starts, ends], axis=1)
-        feet, across = _on_segments(segments, mesh.vertices[vertices])
-        return cls({"vertices": vertices[:, None]}, segments, feet, across, mesh.mean_edge_length)
+    def on(cls, mesh: PolyMesh, reference: Reference, distance: float) -> Self:
+        """One element for each vertex."""
+        rows = np.arange(mesh.topology.n_vertices)[:, None]
+        feet, _, reference = reference.closest(mesh.vertices)
+        return cls({"vertices": rows}, reference, feet, distance, mesh.mean_edge_length)
 
     def evaluate(self, rows: Floats) -> tuple[Floats, Floats]:
-        """Residuals (n, 2) and Jacobian (n, 2, 1, 3)."""
-        offset = rows[:, 0] - self.feet
-        value = np.einsum("nri,ni->nr", self.across, offset)
-        return value / self.length, self.across[:, :, None] / self.length
+        """Residuals (V, 1) and Jacobian (V, 1, 1, 3)."""
+        points, feet = rows[:, 0], self.feet
+        near = norm(points - feet) <= WELL_WITHIN * self.distance
+        if not near.all():
+            found, _, _ = self.reference.closest(points)
+            feet = np.where(near[:, None], feet, found)
+        away = points - feet
+        return norm(away)[:, None] / self.length, unit(away)[:, None, None] / self.length
 
-    def refreshed(self, blocks: Blocks) -> Gliding:
-        """The term with the nearest points of the current vertices."""
-        points = blocks["vertices"][self.stencils["vertices"][:, 0]]
-        feet, across = _on_segments(self.segments, points)
-        return replace(self, feet=feet, across=across)
-
-
-def _on_segments(segments: Floats, points: Floats) -> tuple[Floats, Floats]:
-    """Nearest points on a set of segments, and two unit vectors across the tangent there."""
-    start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
-    square = np.maximum(dot(along, along), TINY)
-    feet, tangents = np.empty_like(points), np.empty_like(points)
-    for row, point in enumerate(points):
-        share = np.clip(dot(point - start, along) / square, 0.0, 1.0)
-        places = start + share[:, None] * along
-        best = int(norm(places - point).argmin())
-        feet[row], tangents[row] = places[best], along[best]
-    tangents = unit(tangents)
-    helper = np.eye(3)[np.abs(tangents).argmin(axis=1)]
-    first = unit(np.cross(tangents, helper))
-    return feet, np.stack([first, np.cross(tangents, first)], axis=1)
+    def refreshed(self, blocks: Blocks) -> Self:
+        """The term with the foot points of the current vertices."""
+        feet, _, reference = self.reference.closest(blocks["vertices"])
+        return replace(self, reference=reference, feet=feet)

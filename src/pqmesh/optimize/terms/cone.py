@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pqmesh.mesh.measure import common_vectors
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
+from pqmesh.optimize.terms.planarity import area_vectors
 from pqmesh.vectors import TINY, Floats, Indices, cross, dot, norm
 
 
@@ -25,19 +26,24 @@ class Cone:
     stencils: Mapping[str, Indices]
 
     @classmethod
-    def on(cls, mesh: QuadMesh) -> Cone:
-        """One element for each face at each such vertex."""
-        corners, axes, count = [np.empty((0, 4), np.int64)], [np.empty((0, 1), np.int64)], 0
-        for star in mesh.topology.stars():
+    def on(cls, mesh: PolyMesh, size: int = 4) -> Cone:
+        """One element for each face of so many corners at each such vertex."""
+        corners, axes, count = [np.empty((0, size), np.int64)], [np.empty((0, 1), np.int64)], 0
+        topology = mesh.topology
+        for star in topology.stars():
             n, k = star.faces.shape
             if k > 4:
-                corners.append(mesh.faces[star.faces].reshape(-1, 4))
-                axes.append(np.repeat(count + np.arange(n), k)[:, None])
+                faces, axis = star.faces.ravel(), np.repeat(count + np.arange(n), k)
+                chosen = topology.face_sizes[faces] == size
+                corners.append(
+                    topology.indices[topology.offsets[faces[chosen]][:, None] + np.arange(size)]
+                )
+                axes.append(axis[chosen][:, None])
                 count += n
         return cls({"vertices": np.concatenate(corners), "axes": np.concatenate(axes)})
 
     @staticmethod
-    def start_axes(mesh: QuadMesh) -> Floats:
+    def start_axes(mesh: PolyMesh) -> Floats:
         """Least-squares vectors w of the mesh, in the row order of `on`, shape (n, 3)."""
         parts = [
             common_vectors(mesh.face_normals[star.faces])
@@ -47,15 +53,13 @@ class Cone:
         return np.concatenate(parts) if parts else np.empty((0, 3))
 
     def evaluate(self, rows: Floats) -> tuple[Floats, Floats]:
-        """Residuals (m, 1) and Jacobian (m, 1, 5, 3)."""
-        a, b, c, d, axis = np.moveaxis(rows, 1, 0)
-        first, second = c - a, d - b
-        area = cross(first, second)
+        """Residuals (m, 1) and Jacobian (m, 1, k + 1, 3) of faces of k corners."""
+        axis = rows[:, -1]
+        area, chords = area_vectors(rows[:, :-1])
         length = np.maximum(norm(area), TINY)[:, None]
         normal = area / length
         along = dot(normal, axis)
-        # d(n.w) = (w - (n.w) n) . d(area) / |area|, and area is bilinear in the diagonals.
+        # d(n.w) = (w - (n.w) n) . d(area) / |area|.
         slope = (axis - along[:, None] * normal) / length
-        by_first, by_second = cross(second, slope), cross(slope, first)
-        jacobian = np.stack([-by_first, -by_second, by_first, by_second, normal], axis=1)
+        jacobian = np.concatenate([cross(chords, slope[:, None]), normal[:, None]], axis=1)
         return (along - 1.0)[:, None], jacobian[:, None]

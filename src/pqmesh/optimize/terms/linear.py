@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.vectors import Floats, Indices
 
 
@@ -39,22 +39,22 @@ class Combination:
         return value / self.length, np.broadcast_to(block, (len(rows), *block.shape))
 
 
-def held_edges(mesh: QuadMesh) -> Combination:
+def held_edges(mesh: PolyMesh) -> Combination:
     """Edge vectors stay as they are in the given mesh: panels keep size and direction."""
     return _relative(mesh, mesh.edges, np.array([-1.0, 1.0]))
 
 
-def fairness(mesh: QuadMesh) -> Combination:
+def fairness(mesh: PolyMesh) -> Combination:
     """Second differences along mesh polylines stay as they are: no new wiggles, no shrinking."""
     return _relative(mesh, mesh.topology.straight_triples, np.array([1.0, -2.0, 1.0]))
 
 
-def anchor(mesh: QuadMesh) -> Combination:
-    """Vertices stay where they are."""
-    rows = np.arange(mesh.topology.n_vertices)[:, None]
-    return _relative(mesh, rows, np.array([1.0]))
+def anchor(mesh: PolyMesh, vertices: Indices | None = None) -> Combination:
+    """Vertices, or some of them, stay where they are."""
+    rows = np.arange(mesh.topology.n_vertices) if vertices is None else vertices
+    return _relative(mesh, rows[:, None], np.array([1.0]))
 
 
-def _relative(mesh: QuadMesh, rows: Indices, coefficients: Floats) -> Combination:
+def _relative(mesh: PolyMesh, rows: Indices, coefficients: Floats) -> Combination:
     targets = np.einsum("k,mki->mi", coefficients, mesh.vertices[rows])
     return Combination({"vertices": rows}, coefficients, targets, mesh.mean_edge_length)
