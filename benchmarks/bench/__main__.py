@@ -72,6 +72,8 @@ def main(words: list[str]) -> int:
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write the figures here")
     parser.add_argument("--docs", action="store_true", help="put table and chart into the manual")
     options = parser.parse_args(words)
+    if options.docs and (options.quick or options.only or not DATA.is_dir()):
+        parser.error("--docs needs the whole table: no --quick or --only, and the real meshes")
 
     sizes, peer_sizes, limit = (21, 41, 81, 121), (21, 41), 120.0
     files = list(FILES)
