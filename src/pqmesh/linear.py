@@ -20,8 +20,8 @@ from pqmesh.vectors import Floats, Indices
 class Factor(Protocol):
     """A factorised matrix."""
 
-    def solve(self, rhs: Floats) -> Floats:
-        """Solution of A x = rhs."""
+    def solve(self, rhs: Floats, *, rough: bool = False) -> Floats:
+        """Solution of A x = rhs; a rough one where a few digits will do."""
         ...
 
 
@@ -185,7 +185,7 @@ class _SuperLU:
 
     def factor(self, matrix: _Lower) -> Factor:
         try:
-            factor: Factor = splu(
+            factor = splu(
                 matrix.whole(),
                 permc_spec="MMD_AT_PLUS_A",
                 diag_pivot_thresh=0.0,
@@ -193,7 +193,7 @@ class _SuperLU:
             )
         except RuntimeError as error:
             raise ArithmeticError(str(error)) from error
-        return factor
+        return _Plain(factor)
 
 
 class _Rslab:
@@ -214,12 +214,24 @@ class _Rslab:
         return _Refined(factor, matrix)
 
 
+class _Plain:
+    """A factor as it is."""
+
+    def __init__(self, factor: Any) -> None:
+        self._factor = factor
+
+    def solve(self, rhs: Floats, *, rough: bool = False) -> Floats:
+        return np.asarray(self._factor.solve(rhs), dtype=np.float64)
+
+
 class _Refined:
     """One step of iterative refinement around a factor: guards the result at little cost."""
 
     def __init__(self, factor: Any, matrix: _Lower) -> None:
         self._factor, self._matrix = factor, matrix
 
-    def solve(self, rhs: Floats) -> Floats:
+    def solve(self, rhs: Floats, *, rough: bool = False) -> Floats:
         x = np.asarray(self._factor.solve(rhs), dtype=np.float64)
+        if rough:
+            return x
         return np.asarray(x + self._factor.solve(rhs - self._matrix.times(x)))

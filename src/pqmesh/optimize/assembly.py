@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -11,6 +13,9 @@ from pqmesh.linear import BlockPattern, Factor
 from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.optimize.problem import Goal, Linear, Problem, gathered
 from pqmesh.vectors import Floats, Indices
+
+# Residuals (m, r) of each goal, None for those that do not count.
+Residuals: TypeAlias = Sequence[Floats | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,19 +120,22 @@ class Assembly:
         """Factor of a matrix; raises ArithmeticError where it is singular."""
         return self.pattern.factor(values)
 
-    def descent(self, parts: list[Part], residuals: list[Floats]) -> Floats:
+    def descent(self, parts: list[Part], residuals: Residuals) -> Floats:
         """Right-hand side of the normal equations for residuals (m, r) of each goal."""
         rhs = np.zeros((self.size // 3, 3))
         for part, residual, elements in zip(parts, residuals, self._elements, strict=True):
-            elements.subtract_slope(rhs, part.jacobian, part.scale * residual)
+            if residual is not None:
+                elements.subtract_slope(rhs, part.jacobian, part.scale * residual)
         return rhs.ravel()
 
-    def changes(self, parts: list[Part], step: Floats) -> list[Floats]:
-        """Linear change (m, r) of the residuals of each goal by a step of the free rows."""
+    def changes(self, parts: list[Part], step: Floats, like: Residuals) -> list[Floats | None]:
+        """Linear change (m, r) of residuals by a step of the free rows; None where `like` is."""
         rows = np.concatenate([step.reshape(-1, 3), np.zeros((1, 3))])
         return [
-            np.einsum("mrki,mki->mr", part.jacobian, rows[elements.rows])
-            for part, elements in zip(parts, self._elements, strict=True)
+            None
+            if residual is None
+            else np.einsum("mrki,mki->mr", part.jacobian, rows[elements.rows])
+            for part, elements, residual in zip(parts, self._elements, like, strict=True)
         ]
 
 

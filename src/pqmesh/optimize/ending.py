@@ -11,7 +11,7 @@ from pqmesh.optimize.problem import Goal
 from pqmesh.vectors import Floats, norm
 
 # A last move as small as this, in mean edges, has found the optimum of the soft goals.
-SETTLED = 1e-4
+SETTLED = 1e-3
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ import numpy as np
 
 from pqmesh.linear import Factor
 from pqmesh.mesh.quadmesh import PolyMesh
-from pqmesh.optimize.assembly import Assembly, Part
+from pqmesh.optimize.assembly import Assembly, Part, Residuals
 from pqmesh.optimize.ending import SETTLED, Best, Solution, Step, why_stuck
 from pqmesh.optimize.guard import Guard
 from pqmesh.optimize.problem import Goal, Problem, Refreshing, gathered
@@ -38,7 +38,8 @@ FIRST_PENALTY, LAST_PENALTY = 1e1, 1e8
 # A start whose hard residuals are below the second number is taken for near: the first penalty is
 # then the first number, and goes back to the ordinary one if the first step leaves more than the
 # last.
-NEAR_PENALTY, NEAR, MISSED = 1e6, 0.02, 1e-4
+# So it does where the step is longer than allowed by more than this share.
+NEAR_PENALTY, NEAR, MISSED, NEAR_SHARE = 1e6, 0.02, 1e-4, 0.4
 # The penalty grows by this factor after a full step; where the hard goals were straight along it
 # (residuals before over their bend), by the second times that, up to the third: near the solution
 # nothing is gained by small steps of the penalty.
@@ -203,6 +204,10 @@ def _advance(
         if not np.isfinite(direction).all():
             damping = max(10.0 * damping, 1e-8)
             continue
+        if state.straight and here.whole(direction) < NEAR_SHARE:
+            # So far away nothing is near: the ordinary way from here.
+            far = replace(state, straight=False, penalty=FIRST_PENALTY, multipliers={})
+            return _advance(far, assembly, guard, length)
         taken = None
         if exactly:
             # Where goals nearly depend on each other, the exact step goes far for nothing.
@@ -229,16 +234,17 @@ def _advance(
     return replace(state, damping=damping), None
 
 
-def _excess(goals: tuple[Goal, ...], residuals: list[Floats]) -> float:
-    """Largest hard residual in units of its tolerance."""
-    return max(
-        (
-            float(np.abs(residual).max(initial=0.0)) / goal.tolerance
-            for goal, residual in zip(goals, residuals, strict=True)
-            if goal.hard
-        ),
-        default=0.0,
-    )
+def _largest(residuals: Residuals) -> float:
+    """Largest absolute value."""
+    known = [float(np.abs(one).max(initial=0.0)) for one in residuals if one is not None]
+    return max(known, default=0.0)
+
+
+def _sum(one: Residuals, other: Residuals, share: float = 1.0) -> list[Floats | None]:
+    """Residuals plus a share of others."""
+    return [
+        None if a is None or b is None else a + share * b for a, b in zip(one, other, strict=True)
+    ]
 
 
 class _Taken(NamedTuple):
@@ -289,87 +295,103 @@ class _Place:
     def sharpened(self, direction: Floats, factor: Factor) -> tuple[_Place, Floats]:
         """The step that meets the linearised hard goals, and the place with its multipliers.
 
-        A penalty leaves a share of each residual; the multiplier that the share stands for is
-        added, and the step solved again with the factor at hand, until hardly any is left.
+        A penalty leaves a share of each residual. What has to be added to the multipliers to take
+        it away solves a linear system whose matrix, symmetric in the weights of the residuals,
+        is applied with the factor at hand: conjugate gradients find it in a few rounds.
         """
-        goals = self.state.goals
-        old = [
-            goal.beyond(value) for goal, (value, _) in zip(goals, self.state.values, strict=True)
-        ]
-        first = max(
-            (float(np.abs(r).max(initial=0.0)) for g, r in zip(goals, old, strict=True) if g.hard),
-            default=0.0,
-        )
-        total = [np.zeros_like(residual) for residual in old]
-        before = first
+        left = _sum(self._hard(self.state.values), self._changes(direction))
+        first = worst = _largest(left)
+        total: list[Floats | None] = [None if rest is None else 0.0 * rest for rest in left]
+        search, square = left, self._product(left, left)
         for _ in range(CORRECTIONS):
-            changes = self.assembly.changes(self.parts, direction)
-            left = [
-                residual + change if goal.hard else np.zeros_like(residual)
-                for goal, residual, change in zip(goals, old, changes, strict=True)
-            ]
-            worst = max(float(np.abs(rest).max(initial=0.0)) for rest in left)
-            if not EXACT * first < worst < 0.5 * before:
+            if worst <= EXACT * first or not square > 0.0:
                 break
-            correction = factor.solve(self.assembly.descent(self.parts, left))
-            if not np.isfinite(correction).all():
+            step = factor.solve(self.assembly.descent(self.parts, search), rough=True)
+            change = self._changes(step)
+            curvature = -self._product(search, change)
+            if not curvature > 0.0:
                 break
-            direction = direction + correction
-            total = [sum_ + rest for sum_, rest in zip(total, left, strict=True)]
-            before = worst
+            share = square / curvature
+            following = _sum(left, change, share)
+            if not _largest(following) < 2.0 * worst:
+                break
+            direction = direction + share * step
+            total, left, worst = _sum(total, search, share), following, _largest(following)
+            before, square = square, self._product(left, left)
+            search = _sum(left, search, square / before)
         if self.state.finishing:
             return self, direction
-        multipliers = {
-            goal.name: self.state.multipliers.get(goal.name, 0.0) + self.state.penalty * shift
-            for goal, shift in zip(goals, total, strict=True)
-            if goal.hard
-        }
+        multipliers = dict(self.state.multipliers)
+        for goal, shift in zip(self.state.goals, total, strict=True):
+            if shift is not None:
+                added = self.state.penalty * shift
+                multipliers[goal.name] = multipliers.get(goal.name, 0.0) + added
         state = replace(self.state, multipliers=multipliers)
         merit = _merit(self.parts, _shifted(state, state.values))
         return replace(self, state=state, merit=merit), direction
 
+    def _hard(self, values: tuple[tuple[Floats, Floats], ...]) -> Residuals:
+        """What is left of the hard goals, None for the soft ones."""
+        return [
+            goal.beyond(residual) if goal.hard else None
+            for goal, (residual, _) in zip(self.state.goals, values, strict=True)
+        ]
+
+    def _changes(self, step: Floats) -> Residuals:
+        """Linear change of the hard residuals by a step."""
+        return self.assembly.changes(self.parts, step, self._hard(self.state.values))
+
+    def _product(self, one: Residuals, other: Residuals) -> float:
+        """Inner product in the weights of the residuals."""
+        return sum(
+            part.scale * float(np.vdot(a, b))
+            for part, a, b in zip(self.parts, one, other, strict=True)
+            if a is not None and b is not None
+        )
+
     def brought_back(self, taken: _Taken, factor: Factor) -> _Taken:
-        """A whole step with what it left of the hard goals taken away, as far as that is cheap.
+        """A step with what it left of the hard goals taken away, as far as that is cheap.
 
         Newton's method with the factor of the step: it costs no new factorisation, and goes on as
         long as each round takes most of what is left.
         """
-        goals = self.state.goals
         for _ in range(ROUNDS):
-            left = [
-                goal.beyond(residual) if goal.hard else np.zeros_like(residual)
-                for goal, (residual, _) in zip(goals, taken.values, strict=True)
-            ]
-            excess = _excess(goals, left)
+            left = self._hard(taken.values)
+            excess = self._excess(left)
             if excess <= 0.1:
                 break
-            correction = factor.solve(self.assembly.descent(self.parts, left))
+            correction = factor.solve(self.assembly.descent(self.parts, left), rough=True)
             blocks = self.assembly.moved(taken.blocks, correction)
             values = self._values(blocks) if np.isfinite(correction).all() else None
-            if values is None:
-                break
-            after = [goal.beyond(value) for goal, (value, _) in zip(goals, values, strict=True)]
-            if _excess(goals, after) > WORTH * excess:
+            if values is None or self._excess(self._hard(values)) > WORTH * excess:
                 break
             taken = taken._replace(blocks=blocks, values=values)
         return taken
 
+    def _excess(self, residuals: Residuals) -> float:
+        """Largest hard residual in units of its tolerance."""
+        return max(
+            (
+                float(np.abs(residual).max(initial=0.0)) / goal.tolerance
+                for goal, residual in zip(self.state.goals, residuals, strict=True)
+                if residual is not None
+            ),
+            default=0.0,
+        )
+
     def straightness(self, direction: Floats, taken: _Taken) -> float:
-        """How straight the hard goals were along a step: residuals before it over their bend."""
+        """How straight the hard goals were along a step: residuals before it over their bend.
+
+        Residuals count as those of a near start at least: where they hold already, a bend that
+        is easily brought back is none.
+        """
         if taken.share < 1.0 or taken.bent:
             # A step cut to the longest allowed says nothing, and what is known stays.
             cut = taken.share >= self.whole(direction) and self.state.straight
             return STRAIGHT if cut else 0.0
-        bend = before = 0.0
-        changes = self.assembly.changes(self.parts, direction)
-        at, after = self.state.values, taken.values
-        for goal, change, (old, _), (new, _) in zip(
-            self.state.goals, changes, at, after, strict=True
-        ):
-            if goal.hard:
-                bend = max(bend, float(np.abs(new - old - change).max(initial=0.0)))
-                before = max(before, float(np.abs(old).max(initial=0.0)))
-        return before / max(bend, TINY)
+        old, new = self._hard(self.state.values), self._hard(taken.values)
+        bend = _largest(_sum(_sum(new, old, -1.0), self._changes(direction), -1.0))
+        return max(_largest(old), NEAR) / max(bend, TINY)
 
     def whole(self, direction: Floats) -> float:
         """Share of the step at which a vertex moves as far as it may, at most 1."""
