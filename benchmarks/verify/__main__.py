@@ -19,6 +19,7 @@ import files
 import office
 import spine
 import study
+import optimiser
 import theory
 from table import show
 
@@ -28,6 +29,7 @@ GROUPS = {
     "office": office.groups,
     "study": study.groups,
     "theory": theory.groups,
+    "optimiser": optimiser.groups,
 }
 
 

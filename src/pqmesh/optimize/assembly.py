@@ -92,7 +92,7 @@ class Assembly:
     def matrix(self, parts: list[Part], damping: float, brakes: Floats) -> Floats:
         """Blocks (n, 3, 3) of the matrix of the normal equations.
 
-        `damping` is a share of the diagonal; `brakes` (F,) resist the deformation of single
+        `damping` is a share of the mean diagonal of each row; `brakes` (F,) resist the deformation of single
         faces, 1 being as stiff as a hard goal of weight 1.
         """
         values = np.zeros((self.pattern.count, 9))
@@ -105,9 +105,10 @@ class Assembly:
         for elements, rows in zip(self._brakes, self._braked, strict=True):
             if brakes[rows].any():
                 elements.add_stiffness(values, self._stiffness * brakes[rows])
-        diagonal = values[self.pattern.diagonal][:, [0, 4, 8]]
-        floor = 1e-12 * diagonal.max(initial=0.0)
-        self.add_diagonal(values, damping * np.maximum(diagonal, floor))
+        # The mean of the three axes of a row: what is turned is damped alike.
+        mean = values[self.pattern.diagonal][:, [0, 4, 8]].mean(axis=1)
+        amount = damping * np.maximum(mean, 1e-12 * mean.max(initial=0.0))
+        self.add_diagonal(values, np.repeat(amount[:, None], 3, axis=1))
         return values.reshape(-1, 3, 3)
 
     def add_diagonal(self, values: Floats, amounts: Floats) -> None:
