@@ -82,6 +82,7 @@ class _State:
     damping: float
     brakes: Floats
     straight: bool = False
+    fallback: float = 0.0
     finishing: bool = False
 
 
@@ -126,7 +127,7 @@ def solve(
     values = _evaluated(problem.goals, blocks)
     near = _hardest(problem.goals, values) < NEAR
     penalty = NEAR_PENALTY if near else FIRST_PENALTY
-    state = _State(blocks, problem.goals, values, {}, penalty, 1e-9, brakes, near)
+    state = _State(blocks, problem.goals, values, {}, penalty, 1e-9, brakes, near, FIRST_PENALTY if near else 0.0)
     best = Best(ROUNDINGS * EPSILON * np.abs(mesh.vertices).max() / length)
     steps: list[Step] = []
     best.offer(state.blocks, state.goals, state.values)
@@ -178,6 +179,11 @@ def _evaluated(
     return tuple(goal.term.evaluate(gathered(goal.term, blocks)) for goal in goals)
 
 
+def _fallen_back(state: _State) -> _State:
+    """The state with a bold penalty taken back: the ordinary way from here."""
+    return replace(state, fallback=0.0, straight=False, penalty=state.fallback)
+
+
 def _advance(
     state: _State, assembly: Assembly, guard: Guard, length: float
 ) -> tuple[_State, Step | None]:
@@ -204,10 +210,8 @@ def _advance(
         if not np.isfinite(direction).all():
             damping = max(10.0 * damping, 1e-8)
             continue
-        if state.straight and here.whole(direction) < NEAR_SHARE:
-            # So far away nothing is near: the ordinary way from here.
-            far = replace(state, straight=False, penalty=FIRST_PENALTY, multipliers={})
-            return _advance(far, assembly, guard, length)
+        if state.fallback and here.whole(direction) < NEAR_SHARE:
+            return _advance(_fallen_back(state), assembly, guard, length)
         taken = None
         if exactly:
             # Where goals nearly depend on each other, the exact step goes far for nothing.
@@ -469,12 +473,14 @@ def _updated(
                 shift = multipliers.get(goal.name, 0.0) / state.penalty
                 multipliers[goal.name] = state.penalty * goal.beyond(residual + shift)
     penalty = state.penalty
-    if penalty == NEAR_PENALTY and state.straight and straight < NEARLY and hard > MISSED:
-        # The start was not so near after all.
-        penalty, multipliers = FIRST_PENALTY, {}
+    fallback = state.fallback if taken.share < 1.0 and straight >= STRAIGHT else 0.0
+    if state.fallback and straight < NEARLY and hard > MISSED:
+        penalty, multipliers, fallback = state.fallback, {}, 0.0
     elif taken.share == 1.0:
         highest = FINISH_PENALTY if state.finishing else LAST_PENALTY
         growth = min(BENT * straight, MOST_GROWTH) if straight >= STRAIGHT else GROWTH
+        if growth > GROWTH and not state.finishing:
+            fallback = min(penalty * GROWTH, LAST_PENALTY)
         penalty = min(penalty * growth, highest)
         damping = max(damping * 0.1, 1e-12)
     elif taken.share < 0.25:
@@ -488,6 +494,7 @@ def _updated(
         penalty=penalty,
         damping=damping,
         straight=straight >= STRAIGHT,
+        fallback=fallback,
     ), step
 
 
