@@ -92,8 +92,8 @@ class Assembly:
     def matrix(self, parts: list[Part], damping: float, brakes: Floats) -> Floats:
         """Blocks (n, 3, 3) of the matrix of the normal equations.
 
-        `damping` is a share of the mean diagonal of each row; `brakes` (F,) resist the deformation of single
-        faces, 1 being as stiff as a hard goal of weight 1.
+        `damping` is a share of the mean diagonal of each row; `brakes` (F,) resist the deformation
+        of single faces, 1 being as stiff as a hard goal of weight 1.
         """
         values = np.zeros((self.pattern.count, 9))
         for index, (part, elements) in enumerate(zip(parts, self._elements, strict=True)):

@@ -17,7 +17,7 @@ LEAST_SINE = 0.1
 # Corners of polygons within this angle of pi, in radians, are straight.
 STRAIGHT = 0.2
 # Edges keep this share of the mesh's shortest start edge, and of their own start length.
-LEAST_EDGE = 0.32
+LEAST_EDGE = 0.401
 LEAST_OWN_EDGE = 0.2
 
 

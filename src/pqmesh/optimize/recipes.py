@@ -38,7 +38,7 @@ class Weights:
     closeness: float = 100.0
     edges: float = 1.0
     fairness: float = 0.1
-    anchor: float = 1e-3
+    anchor: float = 0.1
 
 
 def problem_for(

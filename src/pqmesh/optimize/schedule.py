@@ -123,7 +123,9 @@ def _relaxed(
     weights = Weights()
     found = _better(attempt(weights, start), best)
     while not found.converged and weights.closeness / FACTOR >= WEAKEST:
-        weights = replace(weights, closeness=weights.closeness / FACTOR)
+        weights = replace(
+            weights, closeness=weights.closeness / FACTOR, anchor=weights.anchor / FACTOR
+        )
         found = _better(found, attempt(weights, start))
     return found, weights
 

@@ -126,8 +126,8 @@ def solve(
     brakes = np.zeros(mesh.topology.n_faces)
     values = _evaluated(problem.goals, blocks)
     near = _hardest(problem.goals, values) < NEAR
-    penalty = NEAR_PENALTY if near else FIRST_PENALTY
-    state = _State(blocks, problem.goals, values, {}, penalty, 1e-9, brakes, near, FIRST_PENALTY if near else 0.0)
+    penalty, fallback = (NEAR_PENALTY, FIRST_PENALTY) if near else (FIRST_PENALTY, 0.0)
+    state = _State(blocks, problem.goals, values, {}, penalty, 1e-9, brakes, near, fallback)
     best = Best(ROUNDINGS * EPSILON * np.abs(mesh.vertices).max() / length)
     steps: list[Step] = []
     best.offer(state.blocks, state.goals, state.values)
