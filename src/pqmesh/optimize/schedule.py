@@ -16,8 +16,11 @@ from pqmesh.optimize.solver import Solution, Step, solve
 from pqmesh.surface.reference import Reference
 from pqmesh.vectors import norm
 
-# Closeness is relaxed or raised by this factor between tries, within these bounds.
-FACTOR, WEAKEST, STRONGEST = 10.0, 1.0, 1e7
+# A mesh that does not come right is tried again with less of a hold on surface and places.
+RELAXED = (Weights(closeness=10.0, anchor=0.1), Weights(closeness=1.0, anchor=1e-3))
+# To stay within a distance, closeness is raised by this factor between tries, up to the second;
+# what came by way of coarser meshes starts at the last.
+FACTOR, STRONGEST, WEAKEST = 10.0, 1e7, 1.0
 # Nets of these verdicts go by way of coarser meshes.
 FAR = ("far from conjugate", "asymptotic")
 
@@ -122,10 +125,9 @@ def _relaxed(
     """Tries with a weaker and weaker pull to the reference, until one converges."""
     weights = Weights()
     found = _better(attempt(weights, start), best)
-    while not found.converged and weights.closeness / FACTOR >= WEAKEST:
-        weights = replace(
-            weights, closeness=weights.closeness / FACTOR, anchor=weights.anchor / FACTOR
-        )
+    for weights in RELAXED:
+        if found.converged:
+            break
         found = _better(found, attempt(weights, start))
     return found, weights
 
