@@ -7,7 +7,11 @@ rslab (extra `fast`), else SciPy's SuperLU.
 
 from __future__ import annotations
 
+import math
+import os
+from contextlib import suppress
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -207,11 +211,34 @@ class _Rslab:
 
         if self._symbolic is None:
             self._symbolic = rslab.analyze(matrix.lower, path="ldlt")
+        # It ends the whole program where memory does not do, so that is looked at before.
+        needed, free = self._symbolic.memory_plan()["peak_bytes"], _free_memory()
+        if needed > free:
+            raise MemoryError(
+                f"a factor of {matrix.lower.shape[0]} unknowns takes {needed / 2**30:.2g} GiB, "
+                f"{free / 2**30:.2g} GiB are free"
+            )
         try:
             factor = self._symbolic.factor(matrix.lower.data)
         except (RuntimeError, ValueError) as error:
             raise ArithmeticError(str(error)) from error
         return _Refined(factor, matrix)
+
+
+def _free_memory() -> float:
+    """Bytes that this program may still take, as far as the system tells; else infinity."""
+    found = [math.inf]
+    with suppress(OSError, ValueError, IndexError):
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        found += [1024.0 * int(x.split()[1]) for x in lines if x.startswith("MemAvailable:")]
+    with suppress(ImportError, OSError, ValueError, IndexError):
+        from resource import RLIM_INFINITY, RLIMIT_AS, getrlimit
+
+        limit, _ = getrlimit(RLIMIT_AS)
+        if limit != RLIM_INFINITY:
+            pages = int(Path("/proc/self/statm").read_text().split()[0])
+            found.append(limit - float(pages * os.sysconf("SC_PAGE_SIZE")))
+    return min(found)
 
 
 class _Plain:

@@ -1,0 +1,299 @@
+"""A point of the iteration, linearised: the step from it, how far it goes, how it is sharpened."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from pqmesh.linear import Factor
+from pqmesh.optimize.assembly import Assembly, Part, Residuals
+from pqmesh.optimize.guard import Guard
+from pqmesh.optimize.problem import Goal, gathered
+from pqmesh.vectors import TINY, Floats, Mask, norm
+
+# Hard residuals below this are near zero: bends along a step are measured against it at least.
+NEAR = 0.02
+# A step along which the hard goals are this straight meets them exactly: the linearised problem is
+# solved to so small a share of the residuals, by so many more solutions with the factor at hand.
+STRAIGHT, EXACT, CORRECTIONS = 1e4, 1e-4, 5
+# Rounds of Newton's method with an old factor, each of which has to leave less than such a share.
+ROUNDS, WORTH = 8, 0.3
+# Inequalities are brought a little inside their slack at last, so that rounding and neighbours do
+# not push them out again.
+FINISH_ROOM = 0.97
+# Longest move of a vertex in one step, in mean edges.
+LONGEST_STEP = 0.3
+# Residual and Jacobian of each goal.
+Values = tuple[tuple[Floats, Floats], ...]
+
+
+@dataclass(frozen=True)
+class State:
+    """Where the iteration stands; values are (residual, Jacobian) of each goal there."""
+
+    blocks: dict[str, Floats]
+    goals: tuple[Goal, ...]
+    values: Values
+    multipliers: dict[str, Floats]
+    penalty: float
+    damping: float
+    brakes: Floats
+    straight: bool = False
+    fallback: float = 0.0
+    finishing: bool = False
+
+
+class Taken(NamedTuple):
+    """A step that may be taken: where it leads, what the goals are there, the share of it."""
+
+    blocks: dict[str, Floats]
+    values: Values
+    share: float
+    bent: bool = False
+
+
+@dataclass(frozen=True)
+class Place:
+    """A point of the iteration, linearised: what a line search from it needs."""
+
+    state: State
+    assembly: Assembly
+    guard: Guard
+    length: float
+    parts: list[Part]
+    merit: float
+
+    @classmethod
+    def of(cls, state: State, assembly: Assembly, guard: Guard, length: float) -> Place:
+        """Where a state stands; `length` is the mean edge at the start."""
+        residuals = _shifted(state, state.values)
+        parts = [
+            Part(_scale(state, goal, len(residual)), _active(goal, residual, jacobian))
+            for goal, residual, (_, jacobian) in zip(
+                state.goals, residuals, state.values, strict=True
+            )
+        ]
+        return cls(state, assembly, guard, length, parts, _merit(parts, residuals))
+
+    def slope(self) -> Floats:
+        """Right-hand side of the normal equations."""
+        return self.assembly.descent(self.parts, _shifted(self.state, self.state.values))
+
+    def line_search(self, direction: Floats, factor: Factor) -> Taken | None:
+        """The longest share of the step that keeps faces valid and lowers the merit.
+
+        Where a full step fails for the curvature of the hard goals alone, it is bent back to
+        them once with the factor at hand (second-order correction) before it is shortened.
+        """
+        share, longest = self.whole(direction), self._longest(direction)
+        for _ in range(7):
+            blocks = self.assembly.moved(self.state.blocks, share * direction)
+            values = self._values(blocks)
+            if values is not None:
+                # Near the end the merit is flat to rounding: a tiny step is taken as it is.
+                if self._lower(values) or share * longest < 1e-9 * self.length:
+                    return Taken(blocks, values, share)
+                if share == 1.0:
+                    residuals = _shifted(self.state, values)
+                    bent = factor.solve(self.assembly.descent(self.parts, residuals))
+                    if np.isfinite(bent).all():
+                        blocks = self.assembly.moved(blocks, bent)
+                        values = self._values(blocks)
+                        if values is not None and self._lower(values):
+                            return Taken(blocks, values, share, bent=True)
+            share *= 0.5
+        return None
+
+    def sharpened(self, direction: Floats, factor: Factor) -> tuple[Place, Floats]:
+        """The step that meets the linearised hard goals, and the place with its multipliers.
+
+        A penalty leaves a share of each residual. What has to be added to the multipliers to take
+        it away solves a linear system whose matrix, symmetric in the weights of the residuals,
+        is applied with the factor at hand: conjugate gradients find it in a few rounds.
+        """
+        left = _sum(self._hard(self.state.values), self._changes(direction))
+        first = worst = _largest(left)
+        total: list[Floats | None] = [None if rest is None else 0.0 * rest for rest in left]
+        search, square = left, self._product(left, left)
+        for _ in range(CORRECTIONS):
+            if worst <= EXACT * first or not square > 0.0:
+                break
+            step = factor.solve(self.assembly.descent(self.parts, search), rough=True)
+            change = self._changes(step)
+            curvature = -self._product(search, change)
+            if not curvature > 0.0:
+                break
+            share = square / curvature
+            following = _sum(left, change, share)
+            if not _largest(following) < 2.0 * worst:
+                break
+            direction = direction + share * step
+            total, left, worst = _sum(total, search, share), following, _largest(following)
+            before, square = square, self._product(left, left)
+            search = _sum(left, search, square / before)
+        if self.state.finishing:
+            return self, direction
+        multipliers = dict(self.state.multipliers)
+        for goal, shift in zip(self.state.goals, total, strict=True):
+            if shift is not None:
+                added = self.state.penalty * shift
+                multipliers[goal.name] = multipliers.get(goal.name, 0.0) + added
+        state = replace(self.state, multipliers=multipliers)
+        merit = _merit(self.parts, _shifted(state, state.values))
+        return replace(self, state=state, merit=merit), direction
+
+    def _hard(self, values: Values) -> Residuals:
+        """What is left of the hard goals, None for the soft ones."""
+        return [
+            goal.beyond(residual) if goal.hard else None
+            for goal, (residual, _) in zip(self.state.goals, values, strict=True)
+        ]
+
+    def _changes(self, step: Floats) -> Residuals:
+        """Linear change of the hard residuals by a step."""
+        return self.assembly.changes(self.parts, step, self._hard(self.state.values))
+
+    def _product(self, one: Residuals, other: Residuals) -> float:
+        """Inner product in the weights of the residuals."""
+        return sum(
+            part.scale * float(np.vdot(a, b))
+            for part, a, b in zip(self.parts, one, other, strict=True)
+            if a is not None and b is not None
+        )
+
+    def brought_back(self, taken: Taken, factor: Factor) -> Taken:
+        """A step with what it left of the hard goals taken away, as far as that is cheap.
+
+        Newton's method with the factor of the step: it costs no new factorisation, and goes on as
+        long as each round takes most of what is left.
+        """
+        for _ in range(ROUNDS):
+            left = self._hard(taken.values)
+            excess = self._excess(left)
+            if excess <= 0.1:
+                break
+            correction = factor.solve(self.assembly.descent(self.parts, left), rough=True)
+            blocks = self.assembly.moved(taken.blocks, correction)
+            values = self._values(blocks) if np.isfinite(correction).all() else None
+            if values is None or self._excess(self._hard(values)) > WORTH * excess:
+                break
+            taken = taken._replace(blocks=blocks, values=values)
+        return taken
+
+    def _excess(self, residuals: Residuals) -> float:
+        """Largest hard residual in units of its tolerance."""
+        return max(
+            (
+                float(np.abs(residual).max(initial=0.0)) / goal.tolerance
+                for goal, residual in zip(self.state.goals, residuals, strict=True)
+                if residual is not None
+            ),
+            default=0.0,
+        )
+
+    def straightness(self, direction: Floats, taken: Taken) -> float:
+        """How straight the hard goals were along a step: residuals before it over their bend.
+
+        Residuals count as those of a near start at least: where they hold already, a bend that
+        is easily brought back is none.
+        """
+        if taken.share < 1.0 or taken.bent:
+            # A step cut to the longest allowed says nothing, and what is known stays.
+            cut = taken.share >= self.whole(direction) and self.state.straight
+            return STRAIGHT if cut else 0.0
+        old, new = self._hard(self.state.values), self._hard(taken.values)
+        bend = _largest(_sum(_sum(new, old, -1.0), self._changes(direction), -1.0))
+        return max(_largest(old), NEAR) / max(bend, TINY)
+
+    def whole(self, direction: Floats) -> float:
+        """Share of the step at which a vertex moves as far as it may, at most 1."""
+        return min(1.0, LONGEST_STEP * self.length / max(self._longest(direction), 1e-300))
+
+    def blocking(self, direction: Floats) -> Mask:
+        """Faces (F,) that the whole step would break, or an edge of theirs."""
+        step = self.whole(direction) * direction
+        blocks = self.assembly.moved(self.state.blocks, step)
+        return self.guard.blocked(blocks["vertices"])
+
+    def _longest(self, direction: Floats) -> float:
+        """Longest move of a vertex, model unit."""
+        moves = self.assembly.moved(
+            {"vertices": np.zeros_like(self.state.blocks["vertices"])}, direction
+        )
+        return float(norm(moves["vertices"]).max(initial=0.0))
+
+    def _values(self, blocks: dict[str, Floats]) -> Values | None:
+        """Residuals and Jacobians, None where a face or an edge is broken."""
+        faces, edges = self.guard.broken(blocks["vertices"])
+        if faces.any() or edges.any():
+            return None
+        return evaluated(self.state.goals, blocks)
+
+    def _lower(self, values: Values) -> bool:
+        """Whether the merit falls, rounding allowed for."""
+        slack = 1e-12 * abs(self.merit) + 1e-300
+        return _merit(self.parts, _shifted(self.state, values)) <= self.merit + slack
+
+
+def _scale(state: State, goal: Goal, count: int) -> float:
+    """Weight of each residual in the augmented Lagrangian over the penalty."""
+    return goal.weight / max(count, 1) / (1.0 if goal.hard else state.penalty)
+
+
+def _shifted(state: State, values: Values) -> list[Floats]:
+    """Residuals, the hard ones shifted by their multipliers; soft ones count no more at last."""
+    result = []
+    for goal, (residual, _) in zip(state.goals, values, strict=True):
+        shifted = residual
+        if goal.hard:
+            shift = state.multipliers.get(goal.name, 0.0) / state.penalty
+            shifted = goal.beyond(residual + shift, FINISH_ROOM if state.finishing else 1.0)
+        elif state.finishing:
+            shifted = np.zeros_like(residual)
+        result.append(shifted)
+    return result
+
+
+def _active(goal: Goal, residual: Floats, jacobian: Floats) -> Floats:
+    """Jacobian without the rows of inequalities that hold with room to spare."""
+    if goal.slack == 0.0:
+        return jacobian
+    return np.asarray(np.where((residual != 0.0)[:, :, None, None], jacobian, 0.0))
+
+
+def _merit(parts: list[Part], residuals: list[Floats]) -> float:
+    """Augmented Lagrangian over the penalty."""
+    pairs = zip(parts, residuals, strict=True)
+    return sum(0.5 * part.scale * float(np.sum(residual**2)) for part, residual in pairs)
+
+
+def _largest(residuals: Residuals) -> float:
+    """Largest absolute value."""
+    known = [float(np.abs(one).max(initial=0.0)) for one in residuals if one is not None]
+    return max(known, default=0.0)
+
+
+def _sum(one: Residuals, other: Residuals, share: float = 1.0) -> list[Floats | None]:
+    """Residuals plus a share of others."""
+    return [
+        None if a is None or b is None else a + share * b for a, b in zip(one, other, strict=True)
+    ]
+
+
+def hardest(goals: tuple[Goal, ...], values: Values) -> float:
+    """Largest residual of a hard goal beyond its slack."""
+    return max(
+        (
+            float(np.abs(goal.beyond(residual)).max(initial=0.0))
+            for goal, (residual, _) in zip(goals, values, strict=True)
+            if goal.hard
+        ),
+        default=0.0,
+    )
+
+
+def evaluated(goals: tuple[Goal, ...], blocks: dict[str, Floats]) -> Values:
+    """Residual and Jacobian of every goal."""
+    return tuple(goal.term.evaluate(gathered(goal.term, blocks)) for goal in goals)
