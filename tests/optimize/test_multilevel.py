@@ -206,15 +206,14 @@ def test_tube_with_twisted_lines_is_solved(around):
     assert planarity(mesh).max() < 0.5 * planarity(start).max()
 
 
-@pytest.mark.parametrize("n", [20, pytest.param(16, marks=NARROW)])
+@pytest.mark.parametrize("n", [10, pytest.param(16, marks=NARROW)])
 def test_torus_with_oblique_lines_becomes_flatter_and_stays_whole(n):
     def oblique(u, v):
         return torus(u, v + u)[0]
 
     turn = 2 * np.pi / n * np.arange(n)
     start = grid_mesh(sampled(oblique, turn, turn), (True, True))
-    assert conjugacy(start).verdict in schedule.FAR
-    found = optimized("planar", start, triangles(start))
+    found = coarse_to_fine("planar", start, triangles(start))
     mesh = start.with_vertices(found.blocks["vertices"])
     # No planar mesh of these lines is near, and the answer says what stays.
     assert not found.converged
