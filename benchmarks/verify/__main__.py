@@ -17,9 +17,9 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 
 import files
 import office
+import optimiser
 import spine
 import study
-import optimiser
 import theory
 from table import show
 

@@ -17,14 +17,13 @@ from pqmesh.design_words import first_message, shown
 from pqmesh.errors import FormatError, SpecError
 from pqmesh.io.atomic import shown_path
 from pqmesh.io.compas import read_compas_surface
-from pqmesh.io.foreign import far_origin
 from pqmesh.io.rhino import read_rhino_surfaces
 from pqmesh.surface.base import Domain, Surface
 from pqmesh.surface.bspline import BSplineSurface
 from pqmesh.surface.face import Patch
 from pqmesh.surface.formula import FormulaSurface, graph_surface
 from pqmesh.surface.regular import closes
-from pqmesh.vectors import Floats
+from pqmesh.vectors import Floats, far_origin
 
 # Larger ones are no control nets, and would take minutes and gigabytes to parse.
 LARGEST_NET = 8_000_000

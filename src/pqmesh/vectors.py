@@ -12,6 +12,8 @@ Indices: TypeAlias = NDArray[np.int64]
 Mask: TypeAlias = NDArray[np.bool_]
 
 TINY = float(np.finfo(np.float64).tiny)
+# Geometry that lies farther from the origin than this many of its extents is moved there.
+FAR = 10.0
 
 
 def read_only(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
@@ -47,3 +49,16 @@ def unit(a: Floats) -> Floats:
 def angle(a: Floats, b: Floats) -> Floats:
     """Angles between the rows in [0, pi], by atan2: full accuracy near 0 and pi."""
     return np.asarray(np.arctan2(norm(cross(a, b)), dot(a, b)))
+
+
+def far_origin(points: Floats) -> Floats:
+    """Whole numbers near the middle of far-away points, zero for near ones.
+
+    Products of coordinates of 5e8 keep eight digits; taking a whole number off loses none.
+    """
+    if not np.isfinite(points).all():
+        return np.zeros(3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle = 0.5 * low + 0.5 * high
+    far = float(np.abs(middle).max()) > FAR * float((high - low).max())
+    return np.round(middle) + 0.0 if far else np.zeros(3)

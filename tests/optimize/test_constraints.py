@@ -182,8 +182,8 @@ CASES = {
     ),
     "edges of their own": (
         ROOF,
-        lambda unit: (EdgeLengths(0.97, 1.03, relative=True),),
-        lambda mesh: outside(mesh.edge_lengths / ROOF.edge_lengths, 0.97, 1.03),
+        lambda unit: (EdgeLengths(0.99, 1.01, relative=True),),
+        lambda mesh: outside(mesh.edge_lengths / ROOF.edge_lengths, 0.99, 1.01),
     ),
     "equal edges": (
         ROOF,
@@ -554,3 +554,28 @@ def test_goal_refuses_a_weight_that_is_no_number_above_zero(weight):
 def test_goal_refuses_a_slack_below_zero():
     with pytest.raises(SpecError, match="The slack of a goal must be a finite number"):
         Goal("x", Planarity.on(ROOF), slack=-1.0)
+
+
+def test_far_away_constraints_mean_the_same_places():
+    start = curved_mesh(6, 5)
+    rim = start.vertices[selected("boundary", start)]
+    curve = rim[:2] + np.array([[0, 0, 0.01], [0, 0, 0.02]])
+    wanted = Constraints(
+        (
+            Level(Where(box=[[-9, -9, -9], start.vertices[6] + 1e-6]), 0.1, weight=0.5, hard=False),
+            Plane([len(start.vertices) - 1], start.vertices[-1] + [0.0, 0.01, 0.0], (0, 1, 0)),
+            Curve([0], curve, hard=False),
+            FlatPolylines(through=start.vertices[14:15]),
+            EdgeLengths(least=0.5, relative=True),
+        )
+    )
+    shift = np.array([3e6, -2e6, 5e5])
+    here = optimized("planar", start, reference_of(start), constraints=wanted)
+    moved = start.with_vertices(start.vertices + shift)
+    there = optimized(
+        "planar", moved, reference_of(moved), constraints=wanted.about(-shift), boundary="free"
+    )
+    assert here.converged
+    assert there.converged
+    # The start there is rounded to 5e-10.
+    assert np.abs(there.blocks["vertices"] - shift - here.blocks["vertices"]).max() < 5e-7

@@ -83,7 +83,7 @@ def test_noisy_mesh_of_revolution_becomes_conical_and_circular_at_once(name, see
     flat, conical, circular = defects(mesh)
     # The conditions of a torus depend on each other at every solution: Newton's method is then
     # slow, and the rounding of a square root. All others are met to their tolerances.
-    limit = 1e-9 if name == "torus" else 1e-11
+    limit = 1e-8 if name == "torus" else 1e-11
     assert flat < limit
     # The balance over normals some 20 degrees apart.
     assert conical < 10 * limit
@@ -130,7 +130,7 @@ def test_both_at_once_exist_beside_an_ellipsoid_but_do_not_approach_it():
             far[kind, n] = beside_ellipsoid(mesh).max()
     assert far["conical", 12] < 0.4 * far["conical", 6]
     assert far["conical-circular", 12] > 0.7 * far["conical-circular", 6]
-    assert far["conical-circular", 12] > 10 * far["conical", 12]
+    assert far["conical-circular", 12] > 5 * far["conical", 12]
 
 
 @pytest.mark.parametrize(("m", "n"), [(4, 4), (3, 6)])

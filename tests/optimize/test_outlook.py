@@ -12,8 +12,7 @@ from pqmesh.mesh import solids
 from pqmesh.mesh.exact import grid_mesh, translational_mesh
 from pqmesh.optimize.advice import advice
 from pqmesh.optimize.outlook import outlook
-from pqmesh.optimize.recipes import problem_for
-from pqmesh.optimize.solver import solve
+from pqmesh.optimize.schedule import optimized
 from pqmesh.optimize.worst import worst_places
 from pqmesh.report_outlook import outlook_keys, worst_keys
 from pqmesh.surface.reference import TriangleReference
@@ -50,7 +49,7 @@ def own_reference(mesh):
 
 def optimised(kind, mesh, boundary="free"):
     reference = own_reference(mesh)
-    found = solve(problem_for(kind, mesh, reference, boundary=boundary), mesh)
+    found = optimized(kind, mesh, reference, boundary=boundary)
     return mesh.with_vertices(found.blocks["vertices"]), found, reference
 
 
@@ -77,8 +76,8 @@ def real_move(kind, mesh):
 )
 def test_predicted_move_is_near_the_real_one_from_tiny_ones_to_edges(kind, mesh):
     found, moved = outlook(kind, mesh), real_move(kind, mesh)
-    assert 0.75 < found.move_max / moved.max() < 1.6
-    assert 0.75 < found.move_rms / np.sqrt(np.mean(moved**2)) < 1.8
+    assert 0.8 < found.move_max / moved.max() < 1.2
+    assert 0.8 < found.move_rms / np.sqrt(np.mean(moved**2)) < 1.4
 
 
 @pytest.mark.parametrize(
@@ -94,20 +93,20 @@ def test_predicted_move_is_near_the_real_one_from_tiny_ones_to_edges(kind, mesh)
 )
 def test_predicted_move_of_real_meshes_is_near_the_real_one(name, kind, data_folder):
     mesh = read_quad_mesh(data_folder / name)
-    assert 0.65 < outlook(kind, mesh).move_max / real_move(kind, mesh).max() < 1.7
+    assert 0.85 < outlook(kind, mesh).move_max / real_move(kind, mesh).max() < 1.2
 
 
 def test_slide_of_a_misaligned_roof_is_a_length_and_grows_in_edges():
     coarse, fine = outlook("planar", roof(20)), outlook("planar", roof(50))
-    assert fine.move_max == pytest.approx(coarse.move_max, rel=0.15)
+    assert fine.move_max == pytest.approx(coarse.move_max, rel=0.3)
     assert fine.move_edges > 2 * coarse.move_edges
-    # What methods of this kind do on this roof: about 4 edges at this size.
-    assert coarse.move_edges == pytest.approx(3.6, abs=0.3)
+    # What the optimisation does: 2.04 edges.
+    assert coarse.move_edges == pytest.approx(2.1, abs=0.2)
 
 
 def test_rough_mesh_is_predicted_too_short_but_not_by_far():
     mesh = rough(ellipsoid_lines(16), 0.02)
-    assert 0.1 < outlook("planar", mesh).move_max / real_move("planar", mesh).max() < 1.0
+    assert 0.6 < outlook("planar", mesh).move_max / real_move("planar", mesh).max() < 1.0
 
 
 def test_exact_mesh_is_to_stay():
@@ -248,7 +247,7 @@ def test_slender_panels_are_not_short_edges():
         (saddle(12, 0), "The lines are asymptotic: both families lie near asymptotic directions"),
         (roof(16), "must be conjugate for flat faces"),
         (saddle(12, 40), "If that is too much, panel the surface anew"),
-        (rough(ellipsoid_lines(16), 0.03), "the mesh is rough"),
+        (rough(ellipsoid_lines(16), 0.05), "the mesh is rough"),
         (rough(solids.cube(), 0.1), "too coarse or too small"),
     ],
 )

@@ -22,6 +22,7 @@ from pqmesh.mesh.solids import sphere_tangent_mesh
 from pqmesh.optimize.guard import Guard, least_sines
 from pqmesh.optimize.problem import gathered
 from pqmesh.optimize.recipes import problem_for
+from pqmesh.optimize.schedule import optimized
 from pqmesh.optimize.solver import solve
 from pqmesh.optimize.terms import TERMS, Circularity, Cone, Planarity, PolygonPlanarity
 from pqmesh.optimize.terms.planarity import area_vectors, warp_modes
@@ -371,7 +372,8 @@ def test_real_mesh_of_quads_and_triangles_becomes_exact(kind, data_folder):
     start = read_mesh(data_folder / "Intersection.off")
     assert np.bincount(start.topology.face_sizes).tolist() == [0, 0, 0, 64, 1632]
     assert planarity(start).max() > 0.01
-    mesh, found = optimised(kind, start)
+    found = optimized(kind, start, reference_of(start))
+    mesh = start.with_vertices(found.blocks["vertices"])
     assert found.converged
     assert planarity(mesh).max() <= 1e-11
     if kind == "conical":

@@ -7,11 +7,8 @@ import os
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pqmesh.errors import FormatError, PqmeshError
 from pqmesh.io.atomic import PathLike, shown_path
-from pqmesh.vectors import Floats
 
 # Metres in a unit.
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "ft": 0.3048, "in": 0.0254}
@@ -21,9 +18,6 @@ DAMAGE = (
     *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, MemoryError),
     *(OSError, RuntimeError, TypeError, ValueError),
 )
-
-# Geometry that lies farther from the origin than this many of its extents is moved there.
-FAR = 10.0
 
 
 def library(name: str, suffix: str) -> Any:
@@ -80,19 +74,6 @@ def file_bytes(path: PathLike, holds: str) -> bytes:
     if not content:
         raise FormatError(f"{shown}: the file must hold {holds}; it is empty. Export it again.")
     return content
-
-
-def far_origin(points: Floats) -> Floats:
-    """Whole numbers near the middle of far-away points, zero for near ones.
-
-    Products of coordinates of 5e8 keep eight digits; taking a whole number off loses none.
-    """
-    if not np.isfinite(points).all():
-        return np.zeros(3)
-    low, high = points.min(axis=0), points.max(axis=0)
-    middle = 0.5 * low + 0.5 * high
-    far = float(np.abs(middle).max()) > FAR * float((high - low).max())
-    return np.round(middle) + 0.0 if far else np.zeros(3)
 
 
 def named(path: PathLike, error: PqmeshError) -> PqmeshError:

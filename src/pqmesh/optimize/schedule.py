@@ -11,18 +11,16 @@ from pqmesh.optimize.conflicts import answered, hopeless, without
 from pqmesh.optimize.constraints import Constraints
 from pqmesh.optimize.multilevel import coarse_to_fine
 from pqmesh.optimize.problem import Problem
-from pqmesh.optimize.recipes import Weights, problem_for
+from pqmesh.optimize.recipes import LOOSE, Weights, problem_for
 from pqmesh.optimize.solver import Solution, Step, solve
 from pqmesh.surface.reference import Reference
-from pqmesh.vectors import norm
+from pqmesh.vectors import far_origin, norm
 
 # A mesh that does not come right is tried again with less of a hold on surface and places.
-RELAXED = (Weights(closeness=10.0, anchor=0.1), Weights(closeness=1.0, anchor=1e-3))
+RELAXED = (Weights(closeness=10.0, anchor=0.1), LOOSE)
 # To stay within a distance, closeness is raised by this factor between tries, up to the second;
 # what came by way of coarser meshes starts at the last.
 FACTOR, STRONGEST, WEAKEST = 10.0, 1e7, 1.0
-# Nets of these verdicts go by way of coarser meshes.
-FAR = ("far from conjugate", "asymptotic")
 
 
 def optimized(
@@ -70,6 +68,21 @@ def optimized(
     SpecError
         For an unknown kind or boundary, and for constraints that contradict each other.
     """
+    origin = far_origin(start.vertices)
+    if origin.any():
+        # Far from the origin coordinates have few digits left for what is between them.
+        found = optimized(
+            kind,
+            start.with_vertices(start.vertices - origin),
+            reference.about(origin),
+            boundary=boundary,
+            within=within,
+            warp=warp,
+            constraints=None if constraints is None else constraints.about(origin),
+            progress=progress,
+        )
+        moved = found.blocks | {"vertices": found.blocks["vertices"] + origin}
+        return replace(found, blocks=moved)
 
     def problem(weights: Weights, first: PolyMesh) -> Problem:
         return problem_for(
@@ -95,7 +108,7 @@ def optimized(
         )
 
     impossible = [] if boundary == "free" else hopeless(problem(Weights(), start), start)
-    far = conjugacy(start).verdict in FAR
+    far = conjugacy(start).lines_are_far
     best, weights, first = (by_levels() if far else None), Weights(), start
     if best is not None and best.converged:
         # The design is where the levels led; from there it may be pulled closer.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -14,7 +14,7 @@ from pqmesh.errors import SpecError
 from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.optimize.given import finite_points, frozen_points, whole_numbers
 from pqmesh.optimize.polylines import Polylines
-from pqmesh.vectors import Indices, Mask, cross, dot, norm
+from pqmesh.vectors import Floats, Indices, Mask, cross, dot, norm
 
 # A boundary vertex whose edges turn by more than this is a corner.
 CORNER_TURN = float(np.radians(30.0))
@@ -84,6 +84,15 @@ class Where:
                 f"else; found {self.distance} with level {self.level} and "
                 f"{'a' if self.curve else 'no'} curve. Give both, or leave both out."
             )
+
+    def about(self, origin: Floats) -> Where:
+        """The same with places counted from an origin (3,)."""
+        return replace(
+            self,
+            box=None if self.box is None else np.asarray(self.box) - origin,
+            level=None if self.level is None else self.level - float(origin[2]),
+            curve=None if self.curve is None else np.asarray(self.curve) - origin,
+        )
 
 
 # What a constraint takes for vertices.

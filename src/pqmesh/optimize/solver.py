@@ -28,7 +28,7 @@ from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.optimize.assembly import Assembly
 from pqmesh.optimize.ending import SETTLED, Best, Solution, Step, why_stuck
 from pqmesh.optimize.guard import Guard
-from pqmesh.optimize.place import NEAR, STRAIGHT, Place, State, Taken, evaluated, hardest
+from pqmesh.optimize.place import NEAR, ROOM, STRAIGHT, Place, State, Taken, evaluated, hardest
 from pqmesh.optimize.problem import Problem, Refreshing, gathered
 from pqmesh.vectors import Floats, norm
 
@@ -211,7 +211,7 @@ def _updated(
             # A short step has not solved the inner problem; its multipliers would mislead.
             if taken.share == 1.0 and not state.finishing:
                 shift = multipliers.get(goal.name, 0.0) / state.penalty
-                multipliers[goal.name] = state.penalty * goal.beyond(residual + shift)
+                multipliers[goal.name] = state.penalty * goal.beyond(residual + shift, ROOM)
     penalty = state.penalty
     fallback = state.fallback if taken.share < 1.0 and straight >= STRAIGHT else 0.0
     if state.fallback and straight < NEARLY and hard > MISSED:

@@ -25,6 +25,10 @@ class Reference(Protocol):
         """Closest points (N, 3), unit normals there, and the reference for the next call."""
         ...
 
+    def about(self, origin: Floats) -> Self:
+        """The same surface with places counted from an origin (3,)."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class SurfaceReference:
@@ -35,16 +39,24 @@ class SurfaceReference:
     surface : Surface
     uv : (N, 2), optional
         Start parameters for the points of the next call.
+    origin : (3,), optional
+        Place of the surface from which points are counted.
     """
 
     surface: Surface
     uv: Floats | None = None
+    origin: Floats | None = None
 
     def closest(self, points: Floats) -> tuple[Floats, Floats, SurfaceReference]:
         """Closest points of the surface, by Newton's method from the last parameters."""
         start = self.uv if self.uv is not None and len(self.uv) == len(points) else None
-        uv, jet, _ = closest_point(self.surface, points, start)
-        return jet.point, unit(cross(jet.du, jet.dv)), replace(self, uv=uv)
+        origin = np.zeros(3) if self.origin is None else self.origin
+        uv, jet, _ = closest_point(self.surface, points + origin, start)
+        return jet.point - origin, unit(cross(jet.du, jet.dv)), replace(self, uv=uv)
+
+    def about(self, origin: Floats) -> SurfaceReference:
+        """The same surface with places counted from an origin (3,)."""
+        return replace(self, origin=origin if self.origin is None else self.origin + origin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +148,10 @@ class TriangleReference:
         steady = (np.abs(along) > 0.5 * length) & (length > 1e-9 * reach)
         turned = unit(way) * np.sign(along)[:, None]
         return feet, np.where(steady[:, None], turned, normals), self
+
+    def about(self, origin: Floats) -> TriangleReference:
+        """The same surface with places counted from an origin (3,)."""
+        return TriangleReference(self.corners - origin, self.normals)
 
     def _normals_at(self, feet: Floats, triangles: Indices) -> Floats:
         """Unit normals at points of triangles."""
