@@ -6,7 +6,8 @@ from shapes import icosahedron, observed_orders, random_rotation, sampled, torus
 
 from pqmesh.mesh.exact import grid_mesh
 from pqmesh.mesh.quadmesh import PolyMesh
-from pqmesh.surface.reference import CREASE, TriangleReference
+from pqmesh.surface.analytic import torus as torus_surface
+from pqmesh.surface.reference import CREASE, SurfaceReference, TriangleReference
 
 
 def closest_by_force(corners, points):
@@ -228,6 +229,22 @@ def test_normals_and_feet_turn_with_the_mesh():
     there, turned, _ = reference_of(moved).closest(points @ turn.T + shift)
     assert np.abs(there - feet @ turn.T - shift).max() < 1e-13
     assert np.abs(turned - normals @ turn.T).max() < 1e-10
+
+
+@pytest.mark.parametrize("kind", ["triangles", "surface"])
+def test_places_may_be_counted_from_another_origin(kind):
+    mesh = torus_mesh(9, 7)
+    reference = reference_of(mesh) if kind == "triangles" else SurfaceReference(torus_surface())
+    origin = np.array([100.0, -200.0, 300.0])
+    points = mesh.vertices + 0.2
+    feet, normals, _ = reference.closest(points)
+    for about in (reference.about(origin), reference.about(2 * origin).about(-origin)):
+        there, turned, again = about.closest(points - origin)
+        # Coordinates of 600 carry 1e-13 of rounding.
+        assert np.abs(there + origin - feet).max() < 1e-12
+        assert np.abs(turned - normals).max() < 1e-11
+        # It stays so in the next call.
+        assert np.abs(again.closest(points - origin)[0] + origin - feet).max() < 1e-12
 
 
 def test_beyond_the_rim_the_normal_of_the_surface_stays():
