@@ -141,6 +141,19 @@ def test_penalty_grows_after_full_steps_only(kind, size):
             assert following.penalty <= min(1e5 * step.penalty, 1e12) * (1 + 1e-12)
 
 
+@pytest.mark.parametrize("kind", ["conical", "circular"])
+def test_penalty_jumps_once_the_goals_are_straight(kind):
+    # Too coarse to be taken for near; two steps on, nothing is gained by tens.
+    start = curvature_lines(11)
+    found = solve(problem_for(kind, start, triangles(start)), start)
+    assert found.converged
+    penalties = [step.penalty for step in found.steps]
+    assert penalties[0] == 1e1
+    assert max(after / before for before, after in pairwise(penalties)) > 1e3
+    # By tens there are eight steps from 10 to 1e8.
+    assert len(penalties) <= 6
+
+
 # --- straight goals ---------------------------------------------------------------------------
 
 
