@@ -59,6 +59,14 @@ def test_python_snippets_of_getting_started_run_in_order(tmp_path):
     assert done.returncode == 0, done.stderr
 
 
+def test_python_snippets_of_the_methods_run(tmp_path):
+    pages = [page for page in PAGES if page.parent.name == "methods" and snippets(page, "python")]
+    assert pages
+    for page in pages:
+        done = run("-c", "\n".join(snippets(page, "python")), folder=tmp_path)
+        assert done.returncode == 0, done.stderr
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_relative_links_lead_to_files(page):
     text = CODE.sub("", page.read_text("utf-8"))
