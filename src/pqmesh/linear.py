@@ -205,18 +205,19 @@ class _Rslab:
 
     def __init__(self) -> None:
         self._symbolic: Any = None
+        self._needed = 0.0
 
     def factor(self, matrix: _Lower) -> Factor:
         import rslab
 
         if self._symbolic is None:
             self._symbolic = rslab.analyze(matrix.lower, path="ldlt")
+            self._needed = self._symbolic.memory_plan()["peak_bytes"]
         # It ends the whole program where memory does not do, so that is looked at before.
-        needed, free = self._symbolic.memory_plan()["peak_bytes"], _free_memory()
-        if needed > free:
+        if self._needed > (free := _free_memory()):
             raise MemoryError(
-                f"a factor of {matrix.lower.shape[0]} unknowns takes {needed / 2**30:.2g} GiB, "
-                f"{free / 2**30:.2g} GiB are free"
+                f"a factor of {matrix.lower.shape[0]} unknowns takes "
+                f"{self._needed / 2**30:.2g} GiB, {free / 2**30:.2g} GiB are free"
             )
         try:
             factor = self._symbolic.factor(matrix.lower.data)
@@ -258,7 +259,9 @@ class _Refined:
         self._factor, self._matrix = factor, matrix
 
     def solve(self, rhs: Floats, *, rough: bool = False) -> Floats:
-        x = np.asarray(self._factor.solve(rhs), dtype=np.float64)
-        if rough:
-            return x
-        return np.asarray(x + self._factor.solve(rhs - self._matrix.times(x)))
+        x = self._solved(rhs)
+        return x if rough else x + self._solved(rhs - self._matrix.times(x))
+
+    def _solved(self, rhs: Floats) -> Floats:
+        """It takes several columns in Fortran's order only."""
+        return np.asarray(self._factor.solve(np.asfortranarray(rhs)), dtype=np.float64)

@@ -13,7 +13,6 @@ from shapes import (
     zoo,
 )
 
-from pqmesh.errors import MeshError
 from pqmesh.mesh.coarse import coarsened
 from pqmesh.mesh.exact import grid_mesh
 from pqmesh.mesh.isomorphism import isomorphism
@@ -255,7 +254,6 @@ def test_line_that_lies_beside_itself_stays():
     assert isomorphism(coarse.topology, Topology(half, n // 2)) is not None
 
 
-@pytest.mark.xfail(raises=MeshError, strict=True, reason="closed rows of two faces are made")
 @pytest.mark.parametrize("mesh", [tube(6, 4), tube(6, 3), closed_torus(8, 4)])
 def test_closed_rows_keep_three_faces(mesh):
     coarse = coarsened(mesh)

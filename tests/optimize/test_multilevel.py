@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from shapes import sampled, torus, zoo
 
-from pqmesh.errors import MeshError
 from pqmesh.mesh.coarse import coarsened
 from pqmesh.mesh.conjugacy import conjugacy
 from pqmesh.mesh.exact import grid_mesh, rotational_mesh
@@ -189,10 +188,7 @@ def test_mesh_that_came_by_levels_is_pulled_within_the_distance_asked():
 
 
 # Rows of four faces around become rows of two, which are no mesh.
-NARROW = pytest.mark.xfail(raises=MeshError, strict=True, reason="rows of two faces are made")
-
-
-@pytest.mark.parametrize("around", [20, pytest.param(8, marks=NARROW)])
+@pytest.mark.parametrize("around", [20, 8])
 def test_tube_with_twisted_lines_is_solved(around):
     def helices(u, v):
         return np.stack([2 * np.cos(v + 0.5 * u), 2 * np.sin(v + 0.5 * u), 2 * u], axis=-1)
@@ -206,7 +202,7 @@ def test_tube_with_twisted_lines_is_solved(around):
     assert planarity(mesh).max() < 0.5 * planarity(start).max()
 
 
-@pytest.mark.parametrize("n", [10, pytest.param(16, marks=NARROW)])
+@pytest.mark.parametrize("n", [10, 16])
 def test_torus_with_oblique_lines_becomes_flatter_and_stays_whole(n):
     def oblique(u, v):
         return torus(u, v + u)[0]
@@ -222,7 +218,6 @@ def test_torus_with_oblique_lines_becomes_flatter_and_stays_whole(n):
     assert planarity(mesh).max() < 0.5 * planarity(start).max()
 
 
-@pytest.mark.xfail(strict=True, reason="faces broken by the interpolation are guarded no more")
 @pytest.mark.parametrize("n", [11, 21])
 def test_interpolation_of_a_wild_displacement_breaks_no_face(n):
     x, y = np.meshgrid(*2 * [np.linspace(-1.0, 1.0, n)], indexing="ij")

@@ -141,19 +141,7 @@ def test_polygons_are_fans_about_their_centers():
 BOX = reference_of(voxel_surface([(0, 0, 0)]))
 
 
-@pytest.mark.parametrize(
-    "height",
-    [
-        0.005,
-        pytest.param(
-            0.0,
-            marks=pytest.mark.xfail(
-                strict=True,
-                reason="corners are 54.7 degrees off the faces, within the 60 of CREASE",
-            ),
-        ),
-    ],
-)
+@pytest.mark.parametrize("height", [0.005, 0.0])
 def test_faces_of_a_box_keep_their_normals_up_to_the_edges(height):
     inner = np.random.default_rng(2).uniform(0.01, 0.99, size=(200, 2))
     for axis in range(3):

@@ -19,6 +19,8 @@ from pqmesh.mesh.topology import Topology
 from pqmesh.vectors import Floats, Indices, Mask
 
 CORNER, ON_EDGE, CENTER = 0, 1, 2
+# A closed row has at least so many faces.
+FEWEST_IN_RING = 3
 
 
 class Coarse(NamedTuple):
@@ -90,6 +92,13 @@ def _left_out(topology: Topology) -> Mask:
     gone = np.zeros(len(lines), dtype=np.bool_)
     for index in _from_outside(may_go, beside):
         gone[index] = may_go[index] and not any(gone[other] for other in beside[index])
+    # A closed row of fewer than three faces would be no mesh: all of its lines stay.
+    crossings = np.unique(np.column_stack([topology.edges.ravel(), np.repeat(line_of, 2)]), axis=0)
+    for index, line in enumerate(lines):
+        if line[0] == line[-1] and not gone[index]:
+            across = crossings[np.isin(crossings[:, 0], line) & (crossings[:, 1] != index), 1]
+            if np.count_nonzero(~gone[across]) < FEWEST_IN_RING:
+                gone[across] = False
     return np.asarray(gone[line_of])
 
 

@@ -65,14 +65,15 @@ class Editing:
             What the mesh is and stays.
         mesh : PolyMesh
         handles : (n,)
-            Numbers of the vertices to drag.
+            Numbers of the vertices to drag, each once; targets come in the same order.
         fixed : (V,) bool, optional
             Vertices that stay where they are.
 
         Raises
         ------
         SpecError
-            For an unknown kind, and for handles that are not vertices, or are fixed.
+            For an unknown kind, and for handles that are not vertices, are named twice, or are
+            fixed.
 
         Examples
         --------
@@ -85,12 +86,13 @@ class Editing:
         >>> solution.converged, measures(editing.mesh)["cone_spread_max"] < 1e-6
         (True, True)
         """
-        chosen = np.unique(np.asarray(handles, dtype=np.int64))
+        chosen = np.asarray(handles, dtype=np.int64).reshape(-1)
         count = mesh.topology.n_vertices
-        if not len(chosen) or chosen[0] < 0 or chosen[-1] >= count:
+        once = len(np.unique(chosen)) == len(chosen)
+        if not len(chosen) or chosen.min() < 0 or chosen.max() >= count or not once:
             raise SpecError(
-                f"Handles must be vertices 0..{count - 1} of the mesh, at least one; found "
-                f"{chosen.tolist()}. Choose them among these."
+                f"Handles must be vertices 0..{count - 1} of the mesh, at least one, each once; "
+                f"found {chosen.tolist()}. Choose them among these."
             )
         if fixed is not None and fixed[chosen].any():
             raise SpecError(

@@ -16,12 +16,16 @@ from dataclasses import replace
 
 from pqmesh.mesh.coarse import Coarse, coarsened
 from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.optimize.guard import Guard
 from pqmesh.optimize.recipes import LOOSE, problem_for
 from pqmesh.optimize.solver import Solution, Step, solve
 from pqmesh.surface.reference import Reference
+from pqmesh.vectors import Floats
 
 # The coarsest mesh has at least as many faces, and the finest at least four times as many.
 FEWEST_FACES = 16
+# An interpolated displacement that breaks a face is shortened by this factor, so often at most.
+CUT, MOST_CUTS = 0.8, 12
 
 
 def coarse_to_fine(
@@ -57,15 +61,29 @@ def coarse_to_fine(
         return None
     solution: Solution | None = None
     for mesh in reversed(meshes):
-        first = mesh
+        # Its own faces are the measure, not those that the interpolation leaves.
+        first, guard = mesh, Guard.of(mesh)
         if solution is not None:
             coarse = levels.pop()
             moved = solution.blocks["vertices"] - coarse.mesh.vertices
-            first = mesh.with_vertices(mesh.vertices + coarse.prolongation @ moved)
+            first = _moved(mesh, coarse.prolongation @ moved, guard)
         finer = mesh.mean_edge_length / meshes[-1].mean_edge_length
         weights = replace(LOOSE, closeness=LOOSE.closeness * finer**2)
         problem = problem_for(kind, first, reference, boundary=boundary, weights=weights, warp=warp)
         solution = solve(
-            problem, first, progress=lambda _, step: progress(step) if progress else None
+            problem,
+            first,
+            guard=guard,
+            progress=lambda _, step: progress(step) if progress else None,
         )
     return solution
+
+
+def _moved(mesh: QuadMesh, way: Floats, guard: Guard) -> QuadMesh:
+    """The mesh moved along a way, as far as no face breaks."""
+    for _ in range(MOST_CUTS):
+        moved = mesh.with_vertices(mesh.vertices + way)
+        if not any(part.any() for part in guard.broken(moved.vertices)):
+            return moved
+        way = CUT * way
+    return mesh

@@ -13,18 +13,15 @@ from pqmesh.optimize.conflicts import answered, hopeless, without
 from pqmesh.optimize.constraints import Constraints
 from pqmesh.optimize.guard import Guard
 from pqmesh.optimize.multilevel import coarse_to_fine
-from pqmesh.optimize.place import evaluated
-from pqmesh.optimize.problem import Problem
+from pqmesh.optimize.problem import Problem, Term, gathered
 from pqmesh.optimize.recipes import LOOSE, Weights, problem_for
 from pqmesh.optimize.solver import Solution, Step, solve
 from pqmesh.optimize.terms.curves import OnCurve
 from pqmesh.surface.reference import Reference
 from pqmesh.vectors import far_origin, norm
 
-# A mesh that does not come right is tried again with less of a hold on surface and places. The
-# finish of a try is left out where hard residuals are above the second number and another try
-# follows: from there it hardly ever succeeds, and the other does.
-TRIES, HOPEFUL = (Weights(), Weights(closeness=10.0, anchor=0.01), LOOSE), 1e-3
+# A mesh that does not come right is tried again with less of a hold on surface and places.
+TRIES = (Weights(), Weights(closeness=10.0, anchor=0.01), LOOSE)
 # To stay within a distance, closeness is raised by this factor between tries, up to the second;
 # what came by way of coarser meshes starts at the last.
 FACTOR, STRONGEST, WEAKEST = 10.0, 1e7, 1.0
@@ -102,13 +99,9 @@ def optimized(
             constraints=constraints,
         )
 
-    def attempt(weights: Weights, first: PolyMesh, hopeful: float = np.inf) -> Solution:
-        return solve(
-            without(problem(weights, first), impossible),
-            first,
-            hopeful=hopeful,
-            progress=lambda _, step: progress(step) if progress else None,
-        )
+    def attempt(weights: Weights, first: PolyMesh) -> Solution:
+        possible = without(problem(weights, first), impossible)
+        return solve(possible, first, progress=lambda _, step: progress(step) if progress else None)
 
     def by_levels() -> Solution | None:
         if boundary == "glide" or constraints is not None or not start.topology.is_quad:
@@ -126,7 +119,9 @@ def optimized(
         first = start.with_vertices(best.blocks["vertices"])
         weights = replace(weights, closeness=WEAKEST)
     else:
-        best, weights = _relaxed(attempt, start, best)
+        # Where the boundary forbids some faces it leaves the others little room.
+        tries = TRIES[1:] if impossible else TRIES
+        best, weights = _relaxed(attempt, tries, start, best)
         if not best.converged and not far:
             best = _better(best, by_levels())
     while (
@@ -142,42 +137,57 @@ def optimized(
         best = solution
     if boundary == "free":
         return best
-    return answered(_on_curves(best, problem(weights, start), start), impossible, start)
+    best = _on_curves(best, without(problem(weights, start), impossible), start)
+    return answered(best, impossible, start)
 
 
 def _relaxed(
-    attempt: Callable[..., Solution], start: PolyMesh, best: Solution | None
+    attempt: Callable[[Weights, PolyMesh], Solution],
+    tries: tuple[Weights, ...],
+    start: PolyMesh,
+    best: Solution | None,
 ) -> tuple[Solution, Weights]:
     """Tries with a weaker and weaker hold, until one converges; and its weights."""
-    *hopeful, last = TRIES
-    for weights in hopeful:
-        best = _better(attempt(weights, start, HOPEFUL), best)
-        if best.converged:
-            return best, weights
-    return _better(attempt(last, start), best), last
+    first, *others = tries
+    weights, found = first, _better(attempt(first, start), best)
+    for weights in others:
+        if found.converged:
+            break
+        found = _better(attempt(weights, start), found)
+    return found, weights
 
 
 def _on_curves(best: Solution, problem: Problem, start: PolyMesh) -> Solution:
     """A mesh that did not converge, put on the curves that it was to lie on.
 
     What cannot be met elsewhere is no reason to leave them: they are the joints to other parts.
+    Where a face would break, its vertices stay.
     """
     curves = [goal.term for goal in problem.goals if goal.hard and isinstance(goal.term, OnCurve)]
     if best.converged or not curves:
         return best
-    vertices = best.blocks["vertices"].copy()
-    for term in curves:
-        rows = term.stencils["vertices"][:, 0]
-        vertices[rows], _ = term.curves.feet(vertices[rows], term.curves.nearest(vertices[rows]))
+    before, guard = best.blocks["vertices"], Guard.of(start)
+    on_curves = before.copy()
+    for each in curves:
+        rows = each.stencils["vertices"][:, 0]
+        on_curves[rows], _ = each.curves.feet(before[rows], each.curves.nearest(before[rows]))
+    vertices = on_curves
+    while (blocked := guard.blocked(vertices) & ~guard.blocked(before)).any():
+        stays = np.isin(
+            np.arange(len(before)), start.topology.indices[blocked[start.topology.corner_faces]]
+        )
+        vertices = np.where(stays[:, None], before, vertices)
     blocks = best.blocks | {"vertices": vertices}
-    residuals = {
-        goal.name: float(np.abs(found).max(initial=0.0))
-        for goal, (found, _) in zip(problem.goals, evaluated(problem.goals, blocks), strict=True)
-        if goal.hard
-    }
-    moved = replace(best, blocks=blocks, residuals=residuals)
-    broken = any(part.any() for part in Guard.of(start).broken(vertices))
-    return best if broken or _worst(moved) > 1.01 * _worst(best) else moved
+    residuals = {}
+    for goal in problem.goals:
+        if goal.hard:
+            term: Term = goal.term
+            if isinstance(term, OnCurve):
+                rows = term.stencils["vertices"][:, 0]
+                term = replace(term, segments=term.curves.nearest(vertices[rows]))
+            found, _ = term.evaluate(gathered(term, blocks))
+            residuals[goal.name] = float(np.abs(found).max(initial=0.0))
+    return replace(best, blocks=blocks, residuals=residuals)
 
 
 def _better(solution: Solution, other: Solution | None) -> Solution:

@@ -65,7 +65,6 @@ def solve(
     most_steps: int = 60,
     progress: Callable[[int, Step], None] | None = None,
     resting: float = SETTLED,
-    hopeful: float = np.inf,
     assembly: Assembly | None = None,
     guard: Guard | None = None,
 ) -> Solution:
@@ -84,8 +83,6 @@ def solve(
         Called after each step.
     resting : float
         Largest move of the last step, in mean edges.
-    hopeful : float
-        Hard residuals up to which the finish is tried where the descent does not settle.
     assembly : Assembly, optional
         Of a problem with the same stencils, fixed rows and linear terms: the work on the pattern
         is not done again.
@@ -129,8 +126,6 @@ def solve(
                 return ended(best.at_rest())
             # The descent may also go in circles where the normals of a faceted reference jump.
             if not state.finishing and (_descended(steps) or best.stalled(PATIENCE)):
-                if step.hard > hopeful:
-                    return ended(best.at_rest())
                 state = replace(state, finishing=True, multipliers={})
                 best.forget()
     except MemoryError as error:

@@ -10,12 +10,15 @@ from scipy.spatial import cKDTree
 
 from pqmesh.surface.base import Surface
 from pqmesh.surface.closest import closest_point
-from pqmesh.vectors import TINY, Floats, Indices, cross, dot, norm, unit
+from pqmesh.vectors import TINY, Floats, Indices, Mask, cross, dot, norm, unit
 
 # A point this close to a triangle, as a share of the largest radius of one, lies on it.
 ON_IT = 1e-14
-# Cosine between the normals of a triangle and of its corner below which there is a crease.
-CREASE = 0.5
+# Cosine between the normals of a triangle and of its corner below which there is a crease: 40
+# degrees. Across the edge of a box the normal of both faces together leaves each by 45.
+CREASE = 0.766
+# A corner whose normal differs by less than this from that of its triangle keeps it.
+OWN = 1e-12
 
 
 class Reference(Protocol):
@@ -77,19 +80,24 @@ class TriangleReference:
     normals: Floats | None = None
     _tree: cKDTree = field(init=False, repr=False)
     _radii: Floats = field(init=False, repr=False)
+    _creased: Mask = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         centers = self.corners.mean(axis=1)
         radii = norm(self.corners - centers[:, None]).max(axis=1)
         object.__setattr__(self, "_tree", cKDTree(centers))
         object.__setattr__(self, "_radii", radii)
+        own = _flat_normals(self.corners)[:, None]
+        smooth = own if self.normals is None else self.normals
+        creased = (norm(smooth - own) < OWN).any(axis=1)
+        object.__setattr__(self, "_creased", creased)
 
     @classmethod
     def of_polygons(cls, vertices: Floats, faces: list[list[int]]) -> TriangleReference:
         """Polygons as fans about their centres: symmetric, so no diagonal is preferred.
 
         The normal at a vertex is that of all its faces together; where it leaves that of a
-        triangle by more than 60 degrees there is a crease, and the triangle keeps its own.
+        triangle by more than 40 degrees there is a crease, and the triangle keeps its own.
         """
         sizes = np.array([len(face) for face in faces])
         triangles, corner_vertices, owners = [], [], []
@@ -140,14 +148,13 @@ class TriangleReference:
                 break
             open_rows, count = open_rows[~done], min(4 * count, len(self.corners))
         normals = self._normals_at(feet, which)
-        # Nearest to an edge or a corner inside, the way to the foot is the normal: it does not
-        # jump between the triangles that meet there. Beyond the rim it runs along the surface
-        # and the interpolated normal stays.
+        # Nearest to a crease, the way to the foot is the normal: it does not jump between the
+        # triangles that meet there. Beyond the rim it runs along the surface and is none.
         way = points - feet
         length, along = norm(way), dot(way, normals)
-        steady = (np.abs(along) > 0.5 * length) & (length > 1e-9 * reach)
-        turned = unit(way) * np.sign(along)[:, None]
-        return feet, np.where(steady[:, None], turned, normals), self
+        turned = self._creased[which] & (np.abs(along) > 0.5 * length) & (length > 1e-9 * reach)
+        ways = unit(way) * np.sign(along)[:, None]
+        return feet, np.where(turned[:, None], ways, normals), self
 
     def about(self, origin: Floats) -> TriangleReference:
         """The same surface with places counted from an origin (3,)."""
@@ -182,9 +189,14 @@ def _corner_normals(corners: Floats, names: Indices, owners: Indices, count: int
         known = names[:, corner] >= 0
         np.add.at(at_vertex, names[known, corner], areas[known])
     smooth = np.where((names >= 0)[..., None], at_vertex[names], of_face[owners][:, None])
-    smooth, own = unit(smooth), unit(areas)[:, None]
+    smooth, own = unit(smooth), _flat_normals(corners)[:, None]
     crease = np.einsum("tki,tki->tk", smooth, np.broadcast_to(own, smooth.shape)) < CREASE
     return np.asarray(np.where(crease[..., None], own, smooth))
+
+
+def _flat_normals(corners: Floats) -> Floats:
+    """Unit normals (T, 3) of triangles."""
+    return unit(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
 
 
 def _closest_on_triangles(corners: Floats, points: Floats) -> Floats:
