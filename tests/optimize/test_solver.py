@@ -104,7 +104,7 @@ def test_no_face_breaks_at_any_step_on_a_twisted_grid(kind, closeness, visited):
 def test_no_face_breaks_at_any_step_on_twisted_real_meshes(name, visited, data_folder):
     start = read_quad_mesh(data_folder / name)
     problem = problem_for(
-        "planar", start, reference_of(start), weights=Weights(closeness=1.0, anchor=1e-3)
+        "planar", start, reference_of(start), weights=Weights(closeness=1.0, anchor=0.1)
     )
     found = solve(problem, start)
     assert_guarded(start, visited)

@@ -129,7 +129,7 @@ def outlook(
     did, on exact and real meshes, the largest move is
 
     - right to 10 % on nets of conjugate lines, down to moves of 3e-5 edges;
-    - 0.65 to 1.45 times the real one on other nets, up to moves of 5 edges, and on rough meshes.
+    - 0.65 to 1.5 times the real one on other nets, up to moves of 5 edges, and on rough meshes.
 
     It does not see faces that break on the way, and grows with refinement: the slide is a length,
     not a number of edges. The part along the normal is a lower bound: a long slide leaves the
