@@ -42,6 +42,7 @@ from pqmesh.cli_typed import (
     file_and_name,
     length,
     lengths,
+    limits,
     pairs,
     put,
     transform_of,
@@ -170,7 +171,9 @@ def panelize(
     ] = None,
     tolerance: Annotated[
         list[str] | None,
-        typer.Option(help="KEY=VALUE: flat offset twist deviation conical cover."),
+        typer.Option(
+            help="KEY=VALUE: flat offset twist deviation deviation_rms area conical cover."
+        ),
     ] = None,
     flip: Annotated[bool, typer.Option("--flip", help="Turn the orientation.")] = False,
     seed: Annotated[int | None, typer.Option(help="Seed; the same gives the same bytes.")] = None,
@@ -290,7 +293,13 @@ def optimize(
     constraints: Annotated[
         Path | None, typer.Option(help="What else is asked of the mesh.", metavar="FILE.toml")
     ] = None,
-    tolerance: Annotated[float, typer.Option(help="Planarity that counts as reached.")] = 1e-9,
+    tolerance: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="T (planarity), or KEY=VALUE: planar conical offset twist circular edge-offset "
+            "deviation_rms area."
+        ),
+    ] = None,
     report: Annotated[Path | None, typer.Option(help="Report file to write, JSON.")] = None,
 ) -> None:
     """Move the vertices of a mesh as little as makes it planar, conical or circular."""
@@ -300,8 +309,9 @@ def optimize(
     from pqmesh.optimize.mending import mended
     from pqmesh.optimize.outlook import outlook
     from pqmesh.report import optimization_report
+    from pqmesh.report_limits import limits_of
 
-    _positive("--tolerance", tolerance)
+    given = limits(tolerance)
     _positive("--within", within)
     if kind is Kind.edge_offset and (boundary is not Boundary.free or constraints is not None):
         asked = "--constraints" if constraints is not None else f"--boundary {boundary}"
@@ -311,6 +321,7 @@ def optimize(
     check_outputs(output, report)
     wanted = None if constraints is None else read_constraints(constraints)
     start = read_to_move(mesh)
+    judged_by = limits_of(kind, start, given, within)
     held = None if boundary is Boundary.free else start.topology.is_boundary_vertex
     mending = mended(start, held)
     target = reference_of(reference, mending.mesh)
@@ -337,8 +348,7 @@ def optimize(
         kind=kind,
         source=mesh.name,
         units="",
-        flat=tolerance,
-        within=within,
+        limits=judged_by,
         seen=seen,
         mending=mending,
         missed=constraint_miss(mending.mesh, target, wanted, solution),

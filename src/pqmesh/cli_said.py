@@ -14,6 +14,11 @@ if TYPE_CHECKING:
     from pqmesh.optimize.solver import Step
 
 
+# Tolerances that are lengths; and what their worst values are measured in.
+LENGTHS = ("deviation", "deviation_rms")
+UNITS = {"twist": " deg", "area": " of a mean face"}
+
+
 class Session:
     """Options that hold for every command."""
 
@@ -63,8 +68,29 @@ def reached(summary: str, report: dict[str, Any]) -> bool:
         say(f"note: {text}")
     missed = failed(report)
     for row in missed:
-        say(f"not reached: {row['key']} {row['reached']:.3g}, asked {row['asked']:.3g}")
+        say(_missed(row, report))
     return not missed
+
+
+def _missed(row: dict[str, Any], report: dict[str, Any]) -> str:
+    """A tolerance that was not reached, by how much, and its worst place."""
+    key, reached, asked = row["key"], row["reached"], row["asked"]
+    text = f"not reached: {key} {reached:.3g}, asked {asked:.3g}"
+    if key in LENGTHS:
+        share = 100 * reached / report["before"]["edge_mean"]
+        text = f"not reached: {key} {reached:.3g} ({share:.3g} % of an edge), asked {asked:.3g}"
+    worst = row["worst"]
+    if worst is None:
+        return text
+    noun = next(noun for noun in ("face", "vertex", "edge") if noun in worst)
+    return f"{text}; worst is {_named(noun, worst)}: {worst['value']:.3g}{UNITS.get(key, '')}"
+
+
+def _named(noun: str, entry: dict[str, Any]) -> str:
+    """A face, vertex or edge with its place."""
+    where = entry[noun]
+    name = "-".join(map(str, where)) if isinstance(where, list) else where
+    return f"{noun} {name} at ({', '.join(f'{x:.6g}' for x in entry['at'])})"
 
 
 def roof_summary(report: dict[str, Any], output: Path) -> str:
@@ -101,12 +127,14 @@ def optimized_notes(report: dict[str, Any]) -> list[str]:
             if entry["measure"] in told:
                 continue
             told.add(entry["measure"])
-            where = entry[noun]
-            name = "-".join(map(str, where)) if isinstance(where, list) else where
-            at = ", ".join(f"{x:.6g}" for x in entry["at"])
-            notes.append(
-                f"worst {entry['measure']} is {entry['value']:.3g}, at {noun} {name} ({at})"
-            )
+            notes.append(f"worst {entry['measure']} is {entry['value']:.3g}, {_named(noun, entry)}")
+    missed = {row["key"] for row in report["tolerance"] if row["pass"] is False}
+    if missed and missed <= {*LENGTHS, "area"}:
+        notes.append(
+            f"The mesh is {report['kind']}, but not where it was. Allow that (--tolerance "
+            f"KEY=VALUE), ask for less (--kind planar), or panel the surface anew along its lines "
+            f"of curvature (pqmesh panelize)."
+        )
     return notes
 
 
