@@ -27,7 +27,7 @@ import numpy as np
 from pqmesh.linear import Factor
 from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.optimize.assembly import Assembly, Part, Residuals
-from pqmesh.optimize.ending import SETTLED, Best, Solution, Step, why_stuck
+from pqmesh.optimize.ending import OUT_OF_MEMORY, SETTLED, Best, Solution, Step, why_stuck
 from pqmesh.optimize.guard import Guard
 from pqmesh.optimize.problem import Goal, Problem, Refreshing, gathered
 from pqmesh.vectors import TINY, Floats, Mask, norm
@@ -120,7 +120,6 @@ def solve(
     References: [thesis] section 6.1 with errata E4, E32.
     """
     guard = guard or Guard.of(mesh)
-    assembly = assembly or Assembly(problem, mesh)
     length = mesh.mean_edge_length
     blocks = {name: np.array(block) for name, block in problem.blocks.items()}
     brakes = np.zeros(mesh.topology.n_faces)
@@ -131,10 +130,17 @@ def solve(
     best = Best(ROUNDINGS * EPSILON * np.abs(mesh.vertices).max() / length)
     steps: list[Step] = []
     best.offer(state.blocks, state.goals, state.values)
+    try:
+        assembly = assembly or Assembly(problem, mesh)
+    except MemoryError:
+        return best.solution((), OUT_OF_MEMORY)
     if assembly.size == 0:
         return best.solution((), "every vertex is fixed")
     for number in range(most_steps):
-        state, step = _advance(state, assembly, guard, length)
+        try:
+            state, step = _advance(state, assembly, guard, length)
+        except MemoryError:
+            return best.solution(tuple(steps), OUT_OF_MEMORY)
         if step is None:
             return best.solution(tuple(steps), why_stuck(guard, state.blocks["vertices"]))
         steps.append(step)
