@@ -59,6 +59,8 @@ if TYPE_CHECKING:
     from pqmesh.surface.reference import Reference
 
 OK, BAD_INPUT, NOT_REACHED, INTERRUPTED = 0, 2, 3, 130
+# What judging and writing a mesh takes for each vertex: about 2000 measured.
+REPORT_BYTES = 4000
 # Threads of dense kernels, read when numpy is imported. The matrices here are small: more threads
 # are no faster, stall where other programs run, and may change the last digits of a result.
 THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
@@ -304,6 +306,7 @@ def optimize(
 ) -> None:
     """Move the vertices of a mesh as little as makes it planar, conical or circular."""
     from pqmesh.design import read_constraints
+    from pqmesh.linear import room_kept
     from pqmesh.optimize.advice import advice
     from pqmesh.optimize.constrained import constraint_miss
     from pqmesh.optimize.mending import mended
@@ -328,7 +331,7 @@ def optimize(
     seen = outlook(kind, mending.mesh, target if reference else None, boundary=boundary)
     for text in advice(seen):
         say(f"note: {text}")
-    with progress() as tell:
+    with progress() as tell, room_kept(REPORT_BYTES * start.topology.n_vertices):
         tell("optimize", None)
         solution = _optimized(
             kind,
@@ -546,7 +549,10 @@ def _reason(error: Exception) -> str:
     if isinstance(error, PqmeshError):
         return " ".join(str(error).split())
     if isinstance(error, MemoryError):
-        return "The job must fit into memory; it does not. Use longer edges."
+        return (
+            "The job must fit into memory; it does not. Use longer edges or a coarser mesh, or a "
+            "machine with more memory."
+        )
     return (
         f"Sizes must allow to compute with them; found a failure of arithmetic ({error}). Check "
         f"coordinates and lengths for values far too large or too small."

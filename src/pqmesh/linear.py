@@ -7,6 +7,8 @@ rslab (extra `fast`), else SciPy's SuperLU.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import Any, Protocol
 
@@ -15,6 +17,11 @@ from scipy.sparse import csc_array, csc_matrix
 from scipy.sparse.linalg import splu
 
 from pqmesh.vectors import Floats, Indices
+
+# Bytes that rslab's analysis takes for each stored entry: about 80 measured, on quad meshes.
+ANALYSIS = 100
+# Bytes for the stacks and heaps of its threads, which it starts with the first analysis.
+THREADS = 1 << 27
 
 
 class Factor(Protocol):
@@ -26,7 +33,15 @@ class Factor(Protocol):
 
 
 def factorized(matrix: Any) -> Factor:
-    """SciPy's factor of one symmetric sparse matrix; raises ArithmeticError if it is singular."""
+    """SciPy's factor of one symmetric sparse matrix.
+
+    Raises
+    ------
+    ArithmeticError
+        When it is singular.
+    MemoryError
+        When it does not fit.
+    """
     return _SuperLU().factor(_Lower.of(csc_matrix(matrix)))
 
 
@@ -180,6 +195,30 @@ def _backend() -> _Backend:
     return _Rslab() if find_spec("rslab") else _SuperLU()
 
 
+def check_room(size: int) -> None:
+    """Raise MemoryError unless so many bytes can be had.
+
+    A back end that runs out of memory ends the whole process: what it will need is asked for, and
+    given back, before.
+    """
+    np.empty(size, dtype=np.uint8)
+
+
+@contextmanager
+def room_kept(size: int) -> Iterator[None]:
+    """So many bytes are kept back, for what comes after work that may take all there is."""
+    held = np.empty(size, dtype=np.uint8)
+    yield
+    del held
+
+
+def _failure(error: Exception) -> Exception:
+    """What a back end's error means: too little memory, or a singular matrix."""
+    words = str(error).lower()
+    short = any(word in words for word in ("memory", "malloc", "alloc"))
+    return MemoryError(str(error)) if short else ArithmeticError(str(error))
+
+
 class _SuperLU:
     """SciPy's LU with a symmetric ordering: always there."""
 
@@ -192,7 +231,7 @@ class _SuperLU:
                 options={"SymmetricMode": True},
             )
         except RuntimeError as error:
-            raise ArithmeticError(str(error)) from error
+            raise _failure(error) from error
         return _Plain(factor)
 
 
@@ -206,11 +245,13 @@ class _Rslab:
         import rslab
 
         if self._symbolic is None:
+            check_room(ANALYSIS * matrix.lower.nnz + THREADS)
             self._symbolic = rslab.analyze(matrix.lower, path="ldlt")
+        check_room(self._symbolic.estimate_memory()["transient_peak_bytes"])
         try:
             factor = self._symbolic.factor(matrix.lower.data)
         except (RuntimeError, ValueError) as error:
-            raise ArithmeticError(str(error)) from error
+            raise _failure(error) from error
         return _Refined(factor, matrix)
 
 
