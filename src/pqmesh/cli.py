@@ -18,7 +18,9 @@ import typer
 from typer.exceptions import TyperException
 
 from pqmesh.cli_meshes import (
+    check_near,
     check_outputs,
+    check_quads,
     check_shape,
     read_quads_to_move,
     read_to_move,
@@ -311,6 +313,7 @@ def optimize(
     from pqmesh.optimize.constrained import constraint_miss
     from pqmesh.optimize.mending import mended
     from pqmesh.optimize.outlook import outlook
+    from pqmesh.optimize.recipes import problem_for
     from pqmesh.report import optimization_report
     from pqmesh.report_limits import limits_of
 
@@ -324,10 +327,16 @@ def optimize(
     check_outputs(output, report)
     wanted = None if constraints is None else read_constraints(constraints)
     start = read_to_move(mesh)
+    check_near(start, mesh.name)
+    if kind is Kind.edge_offset:
+        check_quads(start, mesh.name)
     judged_by = limits_of(kind, start, given, within)
     held = None if boundary is Boundary.free else start.topology.is_boundary_vertex
     mending = mended(start, held)
     target = reference_of(reference, mending.mesh)
+    if wanted is not None:
+        # What contradicts itself is refused before anything is said of the mesh.
+        problem_for(kind, mending.mesh, target, boundary=boundary, constraints=wanted)
     seen = outlook(kind, mending.mesh, target if reference else None, boundary=boundary)
     for text in advice(seen):
         say(f"note: {text}")

@@ -83,7 +83,8 @@ def _missed(row: dict[str, Any], report: dict[str, Any]) -> str:
     if worst is None:
         return text
     noun = next(noun for noun in ("face", "vertex", "edge") if noun in worst)
-    return f"{text}; worst is {_named(noun, worst)}: {worst['value']:.3g}{UNITS.get(key, '')}"
+    of = f" ({worst['constraint']})" if "constraint" in worst else ""
+    return f"{text}; worst is {_named(noun, worst)}: {worst['value']:.3g}{UNITS.get(key, '')}{of}"
 
 
 def _named(noun: str, entry: dict[str, Any]) -> str:

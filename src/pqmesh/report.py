@@ -19,14 +19,14 @@ from pqmesh.network.principal import Inside
 from pqmesh.network.region import PlanOutline, region_samples
 from pqmesh.offset.offsets import Layer
 from pqmesh.offset.support import SupportStructure
-from pqmesh.optimize.constrained import constraint_miss
+from pqmesh.optimize.constrained import Missed, constraint_miss
 from pqmesh.optimize.mending import Mending
 from pqmesh.optimize.outlook import Outlook, outlook
 from pqmesh.optimize.solver import Solution
 from pqmesh.optimize.worst import worst_places
 from pqmesh.report_limits import (
-    CONSTRAINTS_MET,
     area_change,
+    constraint_row,
     distances_to_surface,
     limit_rows,
     spread_of_cones,
@@ -100,7 +100,7 @@ def panelization_report(
     report["tolerance"] = _tolerance(report, result, design, distances, origin)
     missed = constraint_miss(result.start, reference, result.spec.constraints, result.solution)
     if missed is not None:
-        report["tolerance"].append(judged("constraints", CONSTRAINTS_MET, missed))
+        report["tolerance"].append(constraint_row(missed, mesh, origin))
     return report
 
 
@@ -116,13 +116,13 @@ def optimization_report(
     limits: Mapping[str, float],
     mending: Mending | None = None,
     seen: Outlook | None = None,
-    missed: float | None = None,
+    missed: Missed | None = None,
 ) -> dict[str, Any]:
     """Report of `optimize`: the same keys where they exist.
 
     `start` is the mesh as it came; `mending` says what was done to it before, and `seen` is the
     outlook of what came of that. `limits` are those of `limits_of`. `missed` is by how much
-    constraints were missed, in mean edges; None without any.
+    constraints were missed; None without any.
     """
     distances = _distances(mesh, reference)
     twists = edge_twists(mesh, kind, solution.blocks.get("image"))
@@ -146,7 +146,7 @@ def optimization_report(
     first = start if mending is None else mending.mesh
     report["tolerance"] = limit_rows(limits, first, mesh, solution, distances, twists)
     if missed is not None:
-        report["tolerance"].append(judged("constraints", CONSTRAINTS_MET, missed))
+        report["tolerance"].append(constraint_row(missed, mesh))
     return report
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from pqmesh.errors import SpecError
 from pqmesh.mesh.measure import circularity_defect, fitted_cones, planarity
 from pqmesh.mesh.quadmesh import PolyMesh
+from pqmesh.optimize.constrained import Missed
 from pqmesh.optimize.ending import Solution
 from pqmesh.report_mesh import judged
 from pqmesh.vectors import Floats, Indices, norm
@@ -150,6 +151,17 @@ def limit_rows(
     return rows
 
 
+def constraint_row(missed: Missed, mesh: PolyMesh, origin: Floats | float = 0.0) -> dict[str, Any]:
+    """The row of the constraints, with the name of the one that is missed by most."""
+    worst = {
+        "vertex": missed.vertex,
+        "value": missed.value,
+        "at": (mesh.vertices[missed.vertex] + origin).tolist(),
+        "constraint": missed.name,
+    }
+    return judged("constraints", CONSTRAINTS_MET, missed.value, worst if missed.name else None)
+
+
 def area_change(start: PolyMesh, mesh: PolyMesh) -> Reached:
     """Relative change of the total area; the face that changed most, by its own area."""
     before, after = norm(start.face_area_vectors), norm(mesh.face_area_vectors)
@@ -183,10 +195,13 @@ def _reached(
     faces, centers = np.arange(mesh.topology.n_faces), mesh.face_centers
     flat, circular = planarity(mesh), np.abs(circularity_defect(mesh))
     cones = fitted_cones(mesh)
-    middles = mesh.vertices[mesh.edges].mean(axis=1)
+    # Three faces at a vertex of the rim fix its axis, four leave none: no cone is asked for there.
+    inner = ~mesh.topology.is_boundary_vertex[mesh.edges].any(axis=1)
+    edges = mesh.edges[inner]
+    middles = mesh.vertices[edges].mean(axis=1)
     nothing, nowhere = np.empty(0), np.empty((0, 3))
     away = distances_to_surface(mesh, distances)
-    twist = nothing if twists is None else twists
+    twist = nothing if twists is None else twists[inner]
     return {
         "planar": Reached(float(flat.max()), flat, faces, centers, "face"),
         "conical": spread_of_cones(mesh),
@@ -197,9 +212,7 @@ def _reached(
             mesh.vertices[cones.vertices],
             "vertex",
         ),
-        "twist": Reached(
-            float(twist.max()) if len(twist) else None, twist, mesh.edges, middles, "edge"
-        ),
+        "twist": Reached(float(twist.max()) if len(twist) else None, twist, edges, middles, "edge"),
         "circular": Reached(float(circular.max()), circular, faces, centers, "face"),
         "edge-offset": Reached(
             solution.residuals.get("edge distance"), nothing, faces[:0], nowhere, "edge"

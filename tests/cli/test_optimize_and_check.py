@@ -337,7 +337,8 @@ def test_real_mesh_ends_in_code_0_or_in_3_with_the_reason(
     report = json.loads((tmp_path / "out.json").read_text())
     missed = [row["key"] for row in report["tolerance"] if row["pass"] is False]
     assert result.code == (3 if missed else 0)
-    assert report["solver"]["converged"] is not bool(missed)
+    # Exact, but far from where it was, is one way to miss.
+    assert report["solver"]["converged"] is not bool(set(missed) - {"deviation_rms", "area"})
     assert report["solver"]["reason"] in result.err
     assert all(f"not reached: {key} " in result.err for key in missed)
     for count in ("nonconvex_faces", "flipped_faces"):
