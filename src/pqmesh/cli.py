@@ -366,7 +366,7 @@ def optimize(
         missed=constraint_miss(mending.mesh, target, wanted, solution),
     )
     write_moved(moved, found, output, report)
-    if reached(optimized_summary(found), found):
+    if reached(optimized_summary(found, output), found):
         raise typer.Exit(OK)
     for text in optimized_notes(found):
         say(f"note: {text}")

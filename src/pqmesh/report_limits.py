@@ -84,9 +84,6 @@ def limits_of(
             raise SpecError(
                 f"A tolerance of --kind {kind} must be one of {known}; found {key!r}. {say}."
             )
-    if kind == "edge-offset":
-        # How much of a surface an exact mesh covers is found with it: judged where that is asked.
-        del limits["area"]
     return limits | dict(given)
 
 

@@ -212,10 +212,12 @@ def test_edge_offset_is_found_where_there_is_one_and_judged_where_not(
     bent = exact.vertices + 1e-3 * rng.standard_normal(exact.vertices.shape)
     write_mesh(exact.with_vertices(bent), tmp_path / "bent.obj")
     options = ["-o", "out.obj", "--kind", "edge-offset", "--report", "out.json"]
-    result = pqmesh("optimize", "bent.obj", *options)
+    # The nearest exact mesh covers less of the surface: it is told, unless that is allowed.
+    assert "not reached: area 0.0603, asked 0.03" in pqmesh("optimize", "bent.obj", *options).err
+    result = pqmesh("optimize", "bent.obj", *options, "--tolerance", "area=0.1")
     report = json.loads((tmp_path / "out.json").read_text())
     assert result.code == 0, result.err
-    keys = ["planar", "edge-offset", "deviation", "deviation_rms"]
+    keys = ["planar", "edge-offset", "deviation", "deviation_rms", "area"]
     assert [row["key"] for row in report["tolerance"]] == keys
     assert report["deviation"]["moved_max"] < 0.05
     checked = check_report(
@@ -230,6 +232,7 @@ def test_edge_offset_is_found_where_there_is_one_and_judged_where_not(
         "edge-offset": True,
         "deviation": False,
         "deviation_rms": True,
+        "area": False,
     }
     assert result.code == 3
     assert "not reached: deviation" in result.err
