@@ -75,10 +75,12 @@ def reached(summary: str, report: dict[str, Any]) -> bool:
 def _missed(row: dict[str, Any], report: dict[str, Any]) -> str:
     """A tolerance that was not reached, by how much, and its worst place."""
     key, reached, asked = row["key"], row["reached"], row["asked"]
-    text = f"not reached: {key} {reached:.3g}, asked {asked:.3g}"
+    # As many digits as tell the two apart.
+    digits = next((n for n in (3, 6, 10) if f"{reached:.{n}g}" != f"{asked:.{n}g}"), 17)
+    share = ""
     if key in LENGTHS:
-        share = 100 * reached / report["before"]["edge_mean"]
-        text = f"not reached: {key} {reached:.3g} ({share:.3g} % of an edge), asked {asked:.3g}"
+        share = f" ({100 * reached / report['before']['edge_mean']:.3g} % of an edge)"
+    text = f"not reached: {key} {reached:.{digits}g}{share}, asked {asked:.{digits}g}"
     worst = row["worst"]
     if worst is None:
         return text
