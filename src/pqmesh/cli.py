@@ -18,7 +18,9 @@ import typer
 from typer.exceptions import TyperException
 
 from pqmesh.cli_meshes import (
+    check_near,
     check_outputs,
+    check_quads,
     check_shape,
     read_quads_to_move,
     read_to_move,
@@ -42,6 +44,7 @@ from pqmesh.cli_typed import (
     file_and_name,
     length,
     lengths,
+    limits,
     pairs,
     put,
     transform_of,
@@ -58,6 +61,8 @@ if TYPE_CHECKING:
     from pqmesh.surface.reference import Reference
 
 OK, BAD_INPUT, NOT_REACHED, INTERRUPTED = 0, 2, 3, 130
+# What judging and writing a mesh takes for each vertex: about 2000 measured.
+REPORT_BYTES = 4000
 # Threads of dense kernels, read when numpy is imported. The matrices here are small: more threads
 # are no faster, stall where other programs run, and may change the last digits of a result.
 THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
@@ -170,7 +175,9 @@ def panelize(
     ] = None,
     tolerance: Annotated[
         list[str] | None,
-        typer.Option(help="KEY=VALUE: flat offset twist deviation conical cover."),
+        typer.Option(
+            help="KEY=VALUE: flat offset twist deviation deviation_rms area conical cover."
+        ),
     ] = None,
     flip: Annotated[bool, typer.Option("--flip", help="Turn the orientation.")] = False,
     seed: Annotated[int | None, typer.Option(help="Seed; the same gives the same bytes.")] = None,
@@ -290,18 +297,27 @@ def optimize(
     constraints: Annotated[
         Path | None, typer.Option(help="What else is asked of the mesh.", metavar="FILE.toml")
     ] = None,
-    tolerance: Annotated[float, typer.Option(help="Planarity that counts as reached.")] = 1e-9,
+    tolerance: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="T (planarity), or KEY=VALUE: planar conical offset twist circular edge-offset "
+            "deviation_rms area."
+        ),
+    ] = None,
     report: Annotated[Path | None, typer.Option(help="Report file to write, JSON.")] = None,
 ) -> None:
     """Move the vertices of a mesh as little as makes it planar, conical or circular."""
     from pqmesh.design import read_constraints
+    from pqmesh.linear import room_kept
     from pqmesh.optimize.advice import advice
     from pqmesh.optimize.constrained import constraint_miss
     from pqmesh.optimize.mending import mended
     from pqmesh.optimize.outlook import outlook
+    from pqmesh.optimize.recipes import problem_for
     from pqmesh.report import optimization_report
+    from pqmesh.report_limits import limits_of
 
-    _positive("--tolerance", tolerance)
+    given = limits(tolerance)
     _positive("--within", within)
     if kind is Kind.edge_offset and (boundary is not Boundary.free or constraints is not None):
         asked = "--constraints" if constraints is not None else f"--boundary {boundary}"
@@ -311,13 +327,20 @@ def optimize(
     check_outputs(output, report)
     wanted = None if constraints is None else read_constraints(constraints)
     start = read_to_move(mesh)
+    check_near(start, mesh.name)
+    if kind is Kind.edge_offset:
+        check_quads(start, mesh.name)
+    judged_by = limits_of(kind, start, given, within)
     held = None if boundary is Boundary.free else start.topology.is_boundary_vertex
     mending = mended(start, held)
     target = reference_of(reference, mending.mesh)
+    if wanted is not None:
+        # What contradicts itself is refused before anything is said of the mesh.
+        problem_for(kind, mending.mesh, target, boundary=boundary, constraints=wanted)
     seen = outlook(kind, mending.mesh, target if reference else None, boundary=boundary)
     for text in advice(seen):
         say(f"note: {text}")
-    with progress() as tell:
+    with progress() as tell, room_kept(REPORT_BYTES * start.topology.n_vertices):
         tell("optimize", None)
         solution = _optimized(
             kind,
@@ -337,14 +360,13 @@ def optimize(
         kind=kind,
         source=mesh.name,
         units="",
-        flat=tolerance,
-        within=within,
+        limits=judged_by,
         seen=seen,
         mending=mending,
         missed=constraint_miss(mending.mesh, target, wanted, solution),
     )
     write_moved(moved, found, output, report)
-    if reached(optimized_summary(found), found):
+    if reached(optimized_summary(found, output), found):
         raise typer.Exit(OK)
     for text in optimized_notes(found):
         say(f"note: {text}")
@@ -536,7 +558,10 @@ def _reason(error: Exception) -> str:
     if isinstance(error, PqmeshError):
         return " ".join(str(error).split())
     if isinstance(error, MemoryError):
-        return "The job must fit into memory; it does not. Use longer edges."
+        return (
+            "The job must fit into memory; it does not. Use longer edges or a coarser mesh, or a "
+            "machine with more memory."
+        )
     return (
         f"Sizes must allow to compute with them; found a failure of arithmetic ({error}). Check "
         f"coordinates and lengths for values far too large or too small."

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 # Model sizes beyond this, or below its inverse, leave the range of doubles when squared twice.
 LARGEST = 1e50
+# Steps of the coordinates, in mean edges, that leave exact faces no room.
+COARSEST = 1e-7
 
 
 def check_outputs(output: Path, report: Path | None) -> None:
@@ -59,7 +61,7 @@ def check_shape(mesh: PolyMesh, name: str, *, edges: bool) -> None:
     """Refuse meshes without area or of a size that squares leave the range of numbers."""
     from pqmesh.vectors import norm
 
-    extent = float((mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)).max())
+    extent = _extent(mesh)
     if not 1 / LARGEST < extent < LARGEST:
         raise MeshError(
             f"{name}: the extent of a mesh must lie between {1 / LARGEST:g} and {LARGEST:g}; found "
@@ -75,8 +77,53 @@ def check_shape(mesh: PolyMesh, name: str, *, edges: bool) -> None:
         )
 
 
-def reference_of(path: Path | None, start: Any) -> Reference:
-    """The surface to stay close to; the start mesh itself without one."""
+def _extent(mesh: PolyMesh) -> float:
+    """Longest side of the box around a mesh."""
+    return float((mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)).max())
+
+
+def check_near(mesh: PolyMesh, name: str) -> None:
+    """Refuse meshes so far away that their coordinates are too coarse for exact faces."""
+    import numpy as np
+
+    grain = float(np.spacing(np.abs(mesh.vertices).max()))
+    if grain > COARSEST * mesh.mean_edge_length:
+        raise MeshError(
+            f"{name}: coordinates must be finer than {COARSEST:g} of an edge for flat faces; as "
+            f"far away as {np.abs(mesh.vertices).max():.6g} they are multiples of {grain:.3g}, "
+            f"with a mean edge of {mesh.mean_edge_length:.3g}. Move the mesh nearer to the origin."
+        )
+
+
+def check_quads(mesh: PolyMesh, name: str) -> None:
+    """Refuse meshes with other faces than quads; names the file."""
+    from pqmesh.mesh.quadmesh import QuadMesh
+
+    try:
+        QuadMesh(mesh.vertices, mesh.topology)
+    except MeshError as error:
+        raise MeshError(f"{name}: {error}") from None
+
+
+def reference_of(path: Path | None, start: PolyMesh) -> Reference:
+    """The surface to stay close to, not far from the start; the start itself without one."""
+    from pqmesh.vectors import norm
+
+    reference = _reference(path, start)
+    if path is not None:
+        away = norm(reference.closest(start.vertices)[0] - start.vertices)
+        extent = _extent(start)
+        if not away.min() <= extent:
+            raise MeshError(
+                f"{path.name}: the surface to stay close to must lie near the mesh; its nearest "
+                f"vertex, {int(away.argmin())}, is {away.min():.4g} away, more than the mesh is "
+                f"large ({extent:.4g}). Check units and origin of the two files."
+            )
+    return reference
+
+
+def _reference(path: Path | None, start: PolyMesh) -> Reference:
+    """The surface itself."""
     from pqmesh.surface.reference import SurfaceReference, TriangleReference
 
     if path is None:
@@ -92,4 +139,5 @@ def reference_of(path: Path | None, start: Any) -> Reference:
     from pqmesh.io.formats import read_mesh
 
     other = read_mesh(path)
+    check_shape(other, path.name, edges=False)
     return TriangleReference.of_polygons(other.vertices, other.topology.face_lists())

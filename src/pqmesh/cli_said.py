@@ -14,6 +14,11 @@ if TYPE_CHECKING:
     from pqmesh.optimize.solver import Step
 
 
+# Tolerances that are lengths; and what their worst values are measured in.
+LENGTHS = ("deviation", "deviation_rms")
+UNITS = {"twist": " deg", "area": " of a mean face"}
+
+
 class Session:
     """Options that hold for every command."""
 
@@ -63,8 +68,32 @@ def reached(summary: str, report: dict[str, Any]) -> bool:
         say(f"note: {text}")
     missed = failed(report)
     for row in missed:
-        say(f"not reached: {row['key']} {row['reached']:.3g}, asked {row['asked']:.3g}")
+        say(_missed(row, report))
     return not missed
+
+
+def _missed(row: dict[str, Any], report: dict[str, Any]) -> str:
+    """A tolerance that was not reached, by how much, and its worst place."""
+    key, reached, asked = row["key"], row["reached"], row["asked"]
+    # As many digits as tell the two apart.
+    digits = next((n for n in (3, 6, 10) if f"{reached:.{n}g}" != f"{asked:.{n}g}"), 17)
+    share = ""
+    if key in LENGTHS:
+        share = f" ({100 * reached / report['before']['edge_mean']:.3g} % of an edge)"
+    text = f"not reached: {key} {reached:.{digits}g}{share}, asked {asked:.{digits}g}"
+    worst = row["worst"]
+    if worst is None:
+        return text
+    noun = next(noun for noun in ("face", "vertex", "edge") if noun in worst)
+    of = f" ({worst['constraint']})" if "constraint" in worst else ""
+    return f"{text}; worst is {_named(noun, worst)}: {worst['value']:.3g}{UNITS.get(key, '')}{of}"
+
+
+def _named(noun: str, entry: dict[str, Any]) -> str:
+    """A face, vertex or edge with its place."""
+    where = entry[noun]
+    name = "-".join(map(str, where)) if isinstance(where, list) else where
+    return f"{noun} {name} at ({', '.join(f'{x:.6g}' for x in entry['at'])})"
 
 
 def roof_summary(report: dict[str, Any], output: Path) -> str:
@@ -78,18 +107,35 @@ def roof_summary(report: dict[str, Any], output: Path) -> str:
     )
 
 
-def optimized_summary(report: dict[str, Any]) -> str:
-    """One line about an optimised mesh."""
-    before, after, deviation = report["before"], report["after"], report["deviation"]
-    mean = before["edge_mean"]
-    return (
-        f"{report['kind']}: planarity {before['planarity_max']:.2e} -> "
-        f"{after['planarity_max']:.2e}, "
-        f"moved {deviation['moved_max']:.4g} ({deviation['moved_max'] / mean:.3g} edges), "
-        f"deviation rms {deviation['rms']:.4g} ({100 * deviation['rms'] / mean:.3g} % of an edge), "
-        f"{after['nonconvex_faces']} non-convex, {after['flipped_faces']} flipped; "
-        f"{report['solver']['reason']}"
-    )
+def optimized_summary(report: dict[str, Any], output: Path) -> str:
+    """One line about an optimised mesh: what its kind asks for, how far it went, how it ended."""
+    kind, before, after = report["kind"], report["before"], report["after"]
+    deviation, mean = report["deviation"], before["edge_mean"]
+    shown = [("planarity", "planarity_max", "")]
+    shown += [("cone spread", "cone_spread_max", "")] if "conical" in kind else []
+    shown += [("circularity", "circularity_max_deg", " deg")] if "circular" in kind else []
+    # A mesh without inner vertices has no cones.
+    measured = [
+        f"{words} {before[key]:.2g} -> {after[key]:.2g}{unit}"
+        for words, key, unit in shown
+        if before[key] is not None
+    ]
+    broken = [
+        f"{after[key]} {words}"
+        for words, key in (
+            ("faces not convex", "nonconvex_faces"),
+            ("faces turned over", "flipped_faces"),
+        )
+        if after[key]
+    ]
+    parts = [
+        *measured,
+        f"moved {deviation['moved_max']:.3g} at most ({deviation['moved_max'] / mean:.2g} edges)",
+        f"deviation rms {deviation['rms']:.3g} ({100 * deviation['rms'] / mean:.2g} % of an edge)",
+        f"area {100 * (after['area_total'] / before['area_total'] - 1.0):+.2g} %",
+        *broken,
+    ]
+    return f"{kind}: {', '.join(parts)}; {report['solver']['reason']}; written to {output}"
 
 
 def optimized_notes(report: dict[str, Any]) -> list[str]:
@@ -101,12 +147,20 @@ def optimized_notes(report: dict[str, Any]) -> list[str]:
             if entry["measure"] in told:
                 continue
             told.add(entry["measure"])
-            where = entry[noun]
-            name = "-".join(map(str, where)) if isinstance(where, list) else where
-            at = ", ".join(f"{x:.6g}" for x in entry["at"])
-            notes.append(
-                f"worst {entry['measure']} is {entry['value']:.3g}, at {noun} {name} ({at})"
-            )
+            notes.append(f"worst {entry['measure']} is {entry['value']:.3g}, {_named(noun, entry)}")
+    missed = {row["key"] for row in report["tolerance"] if row["pass"] is False}
+    if "twist" in missed and not missed & {"conical", "offset"}:
+        notes.append(
+            "The mesh is conical, but where two faces lie in one plane their offsets do not hold "
+            "the edge between them parallel: a beam there is twisted. Allow that (--tolerance "
+            "twist=DEGREES), or bend the start there."
+        )
+    if missed and missed <= {*LENGTHS, "area"}:
+        notes.append(
+            f"The mesh is {report['kind']}, but not where it was. Allow that (--tolerance "
+            f"KEY=VALUE), ask for less (--kind planar), or panel the surface anew along its lines "
+            f"of curvature (pqmesh panelize)."
+        )
     return notes
 
 

@@ -119,6 +119,21 @@ def pairs(texts: list[str] | None) -> Iterator[tuple[str, float | str]]:
         yield key.strip(), number_or_text(value)
 
 
+def limits(texts: list[str] | None) -> dict[str, float]:
+    """Limits of KEY=VALUE, numbers above 0; one alone is that of planarity."""
+    found = {}
+    for text in texts or []:
+        key, _, value = text.rpartition("=")
+        number = number_or_text(value)
+        if not (isinstance(number, float) and 0 < number < math.inf):
+            raise SpecError(
+                f"--tolerance must be a number above 0, or KEY=NUMBER; found {text[:80]!r}. Write "
+                f"--tolerance 1e-9 or --tolerance area=0.05, say."
+            )
+        found[key.strip() or "planar"] = number
+    return found
+
+
 def numbers_of(flag: str, form: str, text: str) -> list[float]:
     """The finite numbers between commas, as many as a form like X,Y,Z names."""
     count = form.count(",") + 1

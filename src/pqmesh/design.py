@@ -35,6 +35,8 @@ from pqmesh.vectors import Floats
 # Larger ones are no designs, and would take minutes and gigabytes to parse.
 LARGEST_DESIGN = 4_000_000
 DEFAULT_FLAT = "0.1 mm"
+# Relative change of the area by the optimisation.
+AREA = 0.03
 
 _ANGLE = re.compile(r"\s*([-+0-9.eE]+)\s*(°|deg|rad)?\s*")
 
@@ -158,9 +160,13 @@ class Design(Part):
         deviation = self.within or 0.05 * sum(self.edges) / 2
         if asked.deviation is not None:
             deviation = self._positive(asked.deviation, "tolerance.deviation")
-        for key in ("conical", "cover"):
+        # The largest distance decides, where nothing else is said.
+        near = max(0.1 * sum(self.edges) / 2, deviation)
+        if asked.deviation_rms is not None:
+            near = self._positive(asked.deviation_rms, "tolerance.deviation_rms")
+        for key in ("area", "conical", "cover"):
             value = getattr(asked, key)
-            if value <= 0:
+            if value is not None and value <= 0:
                 raise SpecError(f"tolerance.{key} must be above 0; found {value:g}. Raise it.")
         flat = max(self.flat, self.length(DEFAULT_FLAT, "tolerance.flat"))
         if asked.flat is not None:
@@ -172,6 +178,8 @@ class Design(Part):
             "deviation": deviation,
             "conical": asked.conical,
             "cover": asked.cover,
+            "deviation_rms": near,
+            "area": AREA if asked.area is None else asked.area,
         }
 
     def constraints_about(self, origin: Floats) -> Constraints | None:

@@ -202,6 +202,8 @@ class ToleranceSpec(Part):
     offset: Length = "0.1 mm"
     twist: Length = "0.01 deg"
     deviation: Length | None = None
+    deviation_rms: Length | None = None
+    area: Number | None = None
     conical: Number = 1e-6
     cover: Number = 1e-6
 

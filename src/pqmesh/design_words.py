@@ -56,6 +56,8 @@ def first_message(error: ValidationError, place: Where, model: type[BaseModel]) 
     must, remedy = _complaint(first, is_length=len(path) < len(first["loc"]))
     if path[-1] == "edge":
         must += ", or a list of two"
+    if "vertices" in path:
+        must, remedy = "a group such as 'boundary', or a list of whole numbers", "Mend it."
     if path[-1] == "twist":
         must, remedy = "an angle such as 0.01 or '0.01 deg'", "Change it."
     return f"{where}: {key} must be {must}; found {shown(first['input'])}. {remedy}"

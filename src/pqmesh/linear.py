@@ -7,9 +7,8 @@ rslab (extra `fast`), else SciPy's SuperLU.
 
 from __future__ import annotations
 
-import math
-import os
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Protocol
@@ -19,6 +18,11 @@ from scipy.sparse import csc_array, csc_matrix
 from scipy.sparse.linalg import splu
 
 from pqmesh.vectors import Floats, Indices
+
+# Bytes that rslab's analysis takes for each stored entry: about 80 measured, on quad meshes.
+ANALYSIS = 100
+# Bytes for the stacks and heaps of its threads, which it starts with the first analysis.
+THREADS = 1 << 27
 
 
 class Factor(Protocol):
@@ -30,7 +34,15 @@ class Factor(Protocol):
 
 
 def factorized(matrix: Any) -> Factor:
-    """SciPy's factor of one symmetric sparse matrix; raises ArithmeticError if it is singular."""
+    """SciPy's factor of one symmetric sparse matrix.
+
+    Raises
+    ------
+    ArithmeticError
+        When it is singular.
+    MemoryError
+        When it does not fit.
+    """
     return _SuperLU().factor(_Lower.of(csc_matrix(matrix)))
 
 
@@ -184,6 +196,35 @@ def _backend() -> _Backend:
     return _Rslab() if find_spec("rslab") else _SuperLU()
 
 
+def check_room(size: int) -> None:
+    """Raise MemoryError unless so many bytes can be had.
+
+    A back end that runs out of memory ends the whole process: what it will need is asked for, and
+    given back, before. A system that promises more than it has is not believed.
+    """
+    with suppress(OSError, ValueError, IndexError):
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        free = [1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")]
+        if free and size > free[0]:
+            raise MemoryError(f"{size} bytes are needed, {free[0]} are free")
+    np.empty(size, dtype=np.uint8)
+
+
+@contextmanager
+def room_kept(size: int) -> Iterator[None]:
+    """So many bytes are kept back, for what comes after work that may take all there is."""
+    held = np.empty(size, dtype=np.uint8)
+    yield
+    del held
+
+
+def _failure(error: Exception) -> Exception:
+    """What a back end's error means: too little memory, or a singular matrix."""
+    words = str(error).lower()
+    short = any(word in words for word in ("memory", "malloc", "alloc"))
+    return MemoryError(str(error)) if short else ArithmeticError(str(error))
+
+
 class _SuperLU:
     """SciPy's LU with a symmetric ordering: always there."""
 
@@ -196,7 +237,7 @@ class _SuperLU:
                 options={"SymmetricMode": True},
             )
         except RuntimeError as error:
-            raise ArithmeticError(str(error)) from error
+            raise _failure(error) from error
         return _Plain(factor)
 
 
@@ -205,41 +246,21 @@ class _Rslab:
 
     def __init__(self) -> None:
         self._symbolic: Any = None
-        self._needed = 0.0
+        self._needed = 0
 
     def factor(self, matrix: _Lower) -> Factor:
         import rslab
 
         if self._symbolic is None:
+            check_room(ANALYSIS * matrix.lower.nnz + THREADS)
             self._symbolic = rslab.analyze(matrix.lower, path="ldlt")
             self._needed = self._symbolic.memory_plan()["peak_bytes"]
-        # It ends the whole program where memory does not do, so that is looked at before.
-        if self._needed > (free := _free_memory()):
-            raise MemoryError(
-                f"a factor of {matrix.lower.shape[0]} unknowns takes "
-                f"{self._needed / 2**30:.2g} GiB, {free / 2**30:.2g} GiB are free"
-            )
+        check_room(self._needed)
         try:
             factor = self._symbolic.factor(matrix.lower.data)
         except (RuntimeError, ValueError) as error:
-            raise ArithmeticError(str(error)) from error
+            raise _failure(error) from error
         return _Refined(factor, matrix)
-
-
-def _free_memory() -> float:
-    """Bytes that this program may still take, as far as the system tells; else infinity."""
-    found = [math.inf]
-    with suppress(OSError, ValueError, IndexError):
-        lines = Path("/proc/meminfo").read_text().splitlines()
-        found += [1024.0 * int(x.split()[1]) for x in lines if x.startswith("MemAvailable:")]
-    with suppress(ImportError, OSError, ValueError, IndexError):
-        from resource import RLIM_INFINITY, RLIMIT_AS, getrlimit
-
-        limit, _ = getrlimit(RLIMIT_AS)
-        if limit != RLIM_INFINITY:
-            pages = int(Path("/proc/self/statm").read_text().split()[0])
-            found.append(limit - float(pages * os.sysconf("SC_PAGE_SIZE")))
-    return min(found)
 
 
 class _Plain:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,22 +12,26 @@ from pqmesh.design import Design
 from pqmesh.fabricate.edgebeams import EdgeBeam
 from pqmesh.fabricate.trim import TrimmedPanels
 from pqmesh.job import Panelization
-from pqmesh.mesh.measure import (
-    circularity_defect,
-    planarity_deviation,
-    plane_deviation,
-)
+from pqmesh.job_spec import EDGE_OFFSET
+from pqmesh.mesh.measure import planarity_deviation, plane_deviation
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.network.principal import Inside
 from pqmesh.network.region import PlanOutline, region_samples
 from pqmesh.offset.offsets import Layer
 from pqmesh.offset.support import SupportStructure
-from pqmesh.optimize.constrained import constraint_miss
+from pqmesh.optimize.constrained import Missed, constraint_miss
 from pqmesh.optimize.mending import Mending
 from pqmesh.optimize.outlook import Outlook, outlook
 from pqmesh.optimize.solver import Solution
 from pqmesh.optimize.worst import worst_places
-from pqmesh.report_mesh import SCHEMA, all_measures, judged, mesh_counts
+from pqmesh.report_limits import (
+    area_change,
+    constraint_row,
+    distances_to_surface,
+    limit_rows,
+    spread_of_cones,
+)
+from pqmesh.report_mesh import SCHEMA, all_measures, edge_twists, judged, measured, mesh_counts
 from pqmesh.report_outlook import outlook_keys, worst_keys
 from pqmesh.report_words import roof_warnings
 from pqmesh.surface.base import Surface
@@ -36,8 +41,6 @@ from pqmesh.vectors import Floats, norm
 
 # A sampled point of the surface counts as covered within this share of the mean edge.
 COVERED = 0.05
-# Constraints are met within this share of the mean edge.
-CONSTRAINTS_MET = 1e-9
 
 
 def panelization_report(
@@ -64,6 +67,7 @@ def panelization_report(
     """
     mesh = result.mesh
     reference = SurfaceReference(result.surface, result.uv)
+    distances = _distances(mesh, reference)
     report: dict[str, Any] = {
         "schema": SCHEMA,
         "version": pqmesh.__version__,
@@ -77,7 +81,7 @@ def panelization_report(
         "mesh": mesh_counts(mesh),
         "before": all_measures(result.start, result.spec.kind),
         "after": all_measures(mesh, result.spec.kind, result.vectors.axes),
-        "deviation": deviation(result.start, mesh, reference),
+        "deviation": _deviation(result.start, mesh, distances),
         "network": _network(result, origin),
         "layers": [_layer(layer) for layer in result.layers],
         "support": _support(result.support),
@@ -93,10 +97,10 @@ def panelization_report(
     }
     if not result.solution.converged:
         report["warnings"] += report["outlook"]["advice"]
-    report["tolerance"] = _tolerance(report, design.tolerances)
+    report["tolerance"] = _tolerance(report, result, design, distances, origin)
     missed = constraint_miss(result.start, reference, result.spec.constraints, result.solution)
     if missed is not None:
-        report["tolerance"].append(judged("constraints", CONSTRAINTS_MET, missed))
+        report["tolerance"].append(constraint_row(missed, mesh, origin))
     return report
 
 
@@ -109,18 +113,19 @@ def optimization_report(
     kind: str,
     source: str,
     units: str,
-    flat: float,
-    within: float | None = None,
+    limits: Mapping[str, float],
     mending: Mending | None = None,
     seen: Outlook | None = None,
-    missed: float | None = None,
+    missed: Missed | None = None,
 ) -> dict[str, Any]:
     """Report of `optimize`: the same keys where they exist.
 
     `start` is the mesh as it came; `mending` says what was done to it before, and `seen` is the
-    outlook of what came of that. `missed` is by how much constraints were missed, in mean edges;
-    None without any.
+    outlook of what came of that. `limits` are those of `limits_of`. `missed` is by how much
+    constraints were missed; None without any.
     """
+    distances = _distances(mesh, reference)
+    twists = edge_twists(mesh, kind, solution.blocks.get("image"))
     report: dict[str, Any] = {
         "schema": SCHEMA,
         "version": pqmesh.__version__,
@@ -129,30 +134,19 @@ def optimization_report(
         "input": source,
         "mesh": mesh_counts(mesh),
         "before": all_measures(start, kind),
-        "after": all_measures(mesh, kind, solution.blocks.get("image")),
-        "deviation": deviation(start, mesh, reference),
+        "after": measured(mesh, twists),
+        "deviation": _deviation(start, mesh, distances),
         "mended": _mended(mending),
         "outlook": outlook_keys(seen or outlook(kind, start)),
         "worst": worst_keys(worst_places(kind, start, mesh, solution, reference)),
         "solver": solver_report(solution),
         "warnings": [] if mending is None else mending.words,
     }
-    asked: dict[str, float] = {"planar": flat}
-    reached: dict[str, Any] = {"planar": report["after"]["planarity_max"]}
-    if "conical" in kind:
-        asked["conical"], reached["conical"] = 1e-6, report["after"]["cone_spread_max"]
-    if "circular" in kind:
-        asked["circular"] = 1e-6
-        reached["circular"] = float(np.abs(circularity_defect(mesh)).max())
-    if kind == "edge-offset":
-        asked["edge-offset"], reached["edge-offset"] = 1e-6, solution.residuals["edge distance"]
-        # The exact mesh may lie anywhere: without a wish it is judged as in a design.
-        within = 0.05 * start.mean_edge_length if within is None else within
-    if within is not None:
-        asked["deviation"], reached["deviation"] = within, report["deviation"]["max"]
+    # What was mended is the surface to stay close to, and its area the one to keep.
+    first = start if mending is None else mending.mesh
+    report["tolerance"] = limit_rows(limits, first, mesh, solution, distances, twists)
     if missed is not None:
-        asked["constraints"], reached["constraints"] = CONSTRAINTS_MET, missed
-    report["tolerance"] = [judged(key, asked[key], reached[key]) for key in asked]
+        report["tolerance"].append(constraint_row(missed, mesh))
     return report
 
 
@@ -161,11 +155,20 @@ def optimization_report(
 
 def deviation(start: PolyMesh, mesh: PolyMesh, reference: Reference) -> dict[str, float]:
     """Distances to the reference and from the start, model unit."""
+    return _deviation(start, mesh, _distances(mesh, reference))
+
+
+def _distances(mesh: PolyMesh, reference: Reference) -> Floats:
+    """Distances (V,) of the vertices to a reference, model unit."""
     feet, _, _ = reference.closest(mesh.vertices)
-    distance = norm(feet - mesh.vertices)
+    return np.asarray(norm(feet - mesh.vertices))
+
+
+def _deviation(start: PolyMesh, mesh: PolyMesh, distances: Floats) -> dict[str, float]:
+    """`deviation` of known distances (V,)."""
     return {
-        "max": float(distance.max()),
-        "rms": float(np.sqrt(np.mean(distance**2))),
+        "max": float(distances.max()),
+        "rms": float(np.sqrt(np.mean(distances**2))),
         "moved_max": float(norm(mesh.vertices - start.vertices).max()),
     }
 
@@ -318,8 +321,16 @@ def _network(result: Panelization, origin: Floats) -> dict[str, Any]:
     }
 
 
-def _tolerance(report: dict[str, Any], asked: dict[str, float]) -> list[dict[str, Any]]:
+def _tolerance(
+    report: dict[str, Any],
+    result: Panelization,
+    design: Design,
+    distances: Floats,
+    origin: Floats,
+) -> list[dict[str, Any]]:
     """Asked, reached and pass for each tolerance that this kind of mesh is judged on."""
+    mesh, asked = result.mesh, design.tolerances
+    area = area_change(result.start, mesh)
     share = report["panels"]["covered_share"]
     reached: dict[str, float | None] = {
         "flat": max(
@@ -331,15 +342,27 @@ def _tolerance(report: dict[str, Any], asked: dict[str, float]) -> list[dict[str
         "deviation": report["deviation"]["max"],
         "conical": report["after"]["cone_spread_max"] if "conical" in report["kind"] else None,
         "cover": None if share is None else abs(1.0 - share),
+        "deviation_rms": report["deviation"]["rms"],
+        "area": area.total,
     }
+    places = {
+        "deviation": distances_to_surface(mesh, distances).worst(origin),
+        "area": area.worst(origin),
+    }
+    places["deviation_rms"] = places["deviation"]
+    if reached["conical"] is not None:
+        places["conical"] = spread_of_cones(mesh).worst(origin)
     if report["kind"] == "planar":
         # No constant distance exists for a mesh that is only planar: reported, not judged.
         reached["offset"] = None
+    if report["kind"] == EDGE_OFFSET and design.tolerance.area is None:
+        # How much of the surface an exact mesh covers is found with it.
+        reached["area"] = None
     beyond = max(map(_beyond, report["layers"]), default=0.0)
     if beyond > 0.0:
         # A layer whose edges run backwards is folded, however exact its distance.
         reached["offset"] = max(beyond, reached["offset"] or 0.0)
-    return [judged(key, asked[key], reached[key]) for key in asked]
+    return [judged(key, asked[key], reached[key], places.get(key)) for key in asked]
 
 
 def _beyond(layer: dict[str, Any]) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from pqmesh.mesh.measure import measures
 from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.offset.offsets import offset_vectors
 from pqmesh.offset.support import twist
-from pqmesh.vectors import Floats
+from pqmesh.vectors import Floats, norm
 
 # Of the reports' keys.
 SCHEMA = 1
@@ -33,25 +32,42 @@ def mesh_counts(mesh: PolyMesh) -> dict[str, int]:
 
 def all_measures(mesh: PolyMesh, kind: str, axes: Floats | None = None) -> dict[str, Any]:
     """Measures of the mesh with the twist of its node axes: given ones, or those of its kind."""
-    found: dict[str, Any] = measures(mesh)
-    found["twist_max_deg"] = None
-    if kind == "edge-offset" and axes is not None:
-        found["twist_max_deg"] = float(np.degrees(twist(mesh, axes).max()))
-        return found
-    # Axes of circular meshes are those of the vertex offset; a mesh in pieces has none.
-    in_one_piece = mesh.topology.components.max() == 0
-    # Nor has one with collapsed edges.
-    if mesh.edge_lengths.min() > 0 and (kind != "circular" or in_one_piece):
-        with suppress(ArithmeticError):
+    return measured(mesh, edge_twists(mesh, kind, axes))
+
+
+def measured(mesh: PolyMesh, twists: Floats | None) -> dict[str, Any]:
+    """Measures of the mesh with the twists (E,) of its node axes, degrees, where there are any."""
+    return {
+        **measures(mesh),
+        "twist_max_deg": None if twists is None else float(twists.max()),
+        "area_total": float(norm(mesh.face_area_vectors).sum()),
+    }
+
+
+def edge_twists(mesh: PolyMesh, kind: str, axes: Floats | None = None) -> Floats | None:
+    """Twist of the node axes along each edge, (E,), degrees: given ones, or those of its kind.
+
+    None where there are no axes, or the memory does not suffice to find them.
+    """
+    if kind != "edge-offset" or axes is None:
+        # Axes of circular meshes are those of the vertex offset; a mesh in pieces has none.
+        in_one_piece = mesh.topology.components.max() == 0
+        # Nor has one with collapsed edges.
+        if not mesh.edge_lengths.min() > 0 or (kind == "circular" and not in_one_piece):
+            return None
+        try:
             axes = offset_vectors(mesh, "circular" if kind == "circular" else "conical").axes
-            found["twist_max_deg"] = float(np.degrees(twist(mesh, axes).max()))
-    return found
+        except (ArithmeticError, MemoryError):
+            return None
+    return np.degrees(twist(mesh, axes))
 
 
-def judged(key: str, asked: float, reached: float | None) -> dict[str, Any]:
-    """A row of the tolerances; nothing is judged of what does not exist."""
+def judged(
+    key: str, asked: float, reached: float | None, worst: dict[str, Any] | None = None
+) -> dict[str, Any]:
+    """A row of the tolerances, with its worst place; nothing is judged of what does not exist."""
     passed = None if reached is None else bool(reached <= asked)
-    return {"key": key, "asked": asked, "reached": reached, "pass": passed}
+    return {"key": key, "asked": asked, "reached": reached, "pass": passed, "worst": worst}
 
 
 def failed(report: dict[str, Any]) -> list[dict[str, Any]]:

@@ -19,7 +19,7 @@ Command = Callable[..., Any]
 MEASURES = (
     "planarity_max planarity_mean planarity_max_length cone_spread_max conicality_max_deg "
     "conicality_mean_deg circularity_max_deg offset_misfit_max twist_max_deg min_corner_deg "
-    "max_corner_deg nonconvex_faces flipped_faces edge_min edge_mean edge_max"
+    "max_corner_deg nonconvex_faces flipped_faces edge_min edge_mean edge_max area_total"
 )
 # The key tree of the contract; further keys are allowed.
 REPORT = {
@@ -38,7 +38,7 @@ LAYER = (
     "planarity_max first_reversed_edge_distance"
 )
 SUPPORT = "quads twist_max_deg planarity_max_length"
-TOLERANCES = ["flat", "offset", "twist", "deviation", "conical", "cover"]
+TOLERANCES = ["flat", "offset", "twist", "deviation", "conical", "cover", "deviation_rms", "area"]
 
 NET = [[[i, j, 0.2 * i * j + 0.1 * i * i] for j in range(4)] for i in range(4)]
 WEIGHTS = [[1.0, 1.0, 1.0, 1.0], [1.0, 1.2, 1.2, 1.0], [1.0, 1.2, 1.2, 1.0], [1.0] * 4]
@@ -330,7 +330,7 @@ def test_same_roof_in_millimetres_gives_the_same_report(built: Command) -> None:
     assert millimetres["mesh"] == metres["mesh"]
     for part in ("before", "after"):
         for key, value in metres[part].items():
-            factor = 1000.0 if key in LENGTHS else 1.0
+            factor = 1000.0 if key in LENGTHS else 1e6 if key == "area_total" else 1.0
             # Residuals at rounding level, and angles of the arcus cosine, are noise.
             noise = 1e-5 if key.endswith("deg") else 1e-9 * factor
             expected = pytest.approx(value * factor, rel=1e-6, abs=noise)
@@ -341,7 +341,7 @@ def test_same_roof_in_millimetres_gives_the_same_report(built: Command) -> None:
     area = metres["panels"]["area_total"] * 1e6
     assert millimetres["panels"]["area_total"] == pytest.approx(area, rel=1e-9)
     for row, other in zip(metres["tolerance"], millimetres["tolerance"], strict=True):
-        factor = 1000.0 if row["key"] in ("flat", "offset", "deviation") else 1.0
+        factor = 1000.0 if row["key"] in ("flat", "offset", "deviation", "deviation_rms") else 1.0
         assert other["asked"] == pytest.approx(factor * row["asked"])
         assert other["pass"] == row["pass"]
 

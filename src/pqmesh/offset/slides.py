@@ -24,7 +24,7 @@ from pqmesh.vectors import TINY, Floats, Indices, Mask, cross, dot, norm
 FLAT_EDGE = 1e-7
 # Normals with a relative singular value below this leave a direction free; where faces are out
 # of plane, so many times their planarity does.
-FREE, NOISE = 1e-10, 10.0
+FREE, NOISE, EPSILON = 1e-10, 10.0, float(np.finfo(np.float64).eps)
 # Ridge of a least-squares solution over its largest diagonal entry, and the most rounds without.
 RIDGE, ROUNDS, CLOSED = 1e-8, 60, 1e-15
 
@@ -133,8 +133,9 @@ def _unforced_edges(mesh: PolyMesh) -> Indices:
 def least_squares(matrix: coo_array, target: Floats) -> Floats:
     """Shortest least-squares solution x of a sparse matrix.
 
-    Each round solves for the remainder with a small ridge, so all rounds together leave neither
-    the ridge nor the rounding of the normal equations in the result.
+    Conjugate gradients on the normal equations, whose factor with a small ridge leaves them few
+    rounds: singular values that the ridge hides are found as well. Rounds that solve for the
+    remainder with the ridge then leave no rounding of the normal equations in the result.
     """
     rows = matrix.tocsr()
     normal = (rows.T @ rows).tocoo()
@@ -145,7 +146,19 @@ def least_squares(matrix: coo_array, target: Floats) -> Floats:
     )
     ridge = np.full(size, RIDGE * max(float(normal.diagonal().max(initial=0.0)), TINY))
     factor = pattern.factor(pattern.values(np.concatenate([normal.data, ridge])))
-    x = np.zeros(size)
+    x, left = np.zeros(size), target
+    step, before = np.zeros(size), np.inf
+    for _ in range(ROUNDS):
+        slope = np.asarray(rows.T @ left)
+        downhill = factor.solve(slope)
+        product = float(slope @ downhill)
+        step, before = downhill + product / before * step, product
+        change = rows @ step
+        square = float(change @ change)
+        # Beyond this, rounding leads along what the matrix does not see.
+        if not product**2 > EPSILON * square * float(left @ left):
+            break
+        x, left = x + product / square * step, left - product / square * change
     for _ in range(ROUNDS):
         step = factor.solve(np.asarray(rows.T @ (target - rows @ x)))
         x = x + step

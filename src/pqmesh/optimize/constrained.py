@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import singledispatch
+from typing import NamedTuple
 
 import numpy as np
 
@@ -107,13 +108,24 @@ def constrained(
     return result
 
 
+class Missed(NamedTuple):
+    """The constraint that is missed by most: its name, by how much, and a vertex of the place.
+
+    The value is in mean edges or radians.
+    """
+
+    name: str
+    value: float
+    vertex: int
+
+
 def constraint_miss(
     start: PolyMesh,
     reference: Reference,
     constraints: asked.Constraints | None,
     solution: Solution,
-) -> float | None:
-    """Largest residual of the hard constraints beyond their slack, in mean edges or radians.
+) -> Missed | None:
+    """By how much the hard constraints are missed, beyond their slack, and where.
 
     Parameters
     ----------
@@ -125,19 +137,23 @@ def constraint_miss(
 
     Returns
     -------
-    float, or None without constraints
+    Missed, or None without constraints
     """
     if constraints is None:
         return None
     problem = constrained(Problem({"vertices": start.vertices}, ()), start, reference, constraints)
-    worst = 0.0
+    worst = Missed("", 0.0, 0)
     for goal in problem.goals:
         if goal.hard:
             term = goal.term
             if isinstance(term, Refreshing):
                 term = term.refreshed(solution.blocks)
             residual = goal.beyond(term.evaluate(gathered(term, solution.blocks))[0])
-            worst = max(worst, float(np.abs(residual).max(initial=0.0)))
+            each = np.abs(residual).max(axis=1, initial=0.0)
+            if each.max(initial=0.0) > worst.value:
+                element = int(each.argmax())
+                vertex = int(term.stencils["vertices"][element, 0])
+                worst = Missed(goal.name, float(each[element]), vertex)
     return worst
 
 

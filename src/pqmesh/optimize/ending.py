@@ -12,6 +12,8 @@ from pqmesh.vectors import Floats, norm
 
 # A last move as small as this, in mean edges, has found the optimum of the soft goals.
 SETTLED = 1e-3
+# Reason for an end where a matrix does not fit.
+OUT_OF_MEMORY = "the memory does not suffice for the next step: a coarser mesh needs less"
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,7 @@ class Best:
 
     def solution(self, steps: tuple[Step, ...], reason: str) -> Solution:
         """The result."""
-        converged = self.excess <= 1.0
+        converged = bool(self.excess <= 1.0)
         return Solution(self.blocks, converged, reason, steps, self.residuals)
 
 

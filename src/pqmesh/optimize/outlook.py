@@ -204,19 +204,19 @@ def _looked_ahead(problem: Problem, mesh: PolyMesh) -> Floats | None:
             Part(goal.weight / max(len(residual), 1) * (1.0 if goal.hard else SOFT_SHARE), jacobian)
         )
         residuals.append(goal.beyond(residual))
-    assembly = Assembly(problem, mesh)
     still = np.zeros(mesh.topology.n_faces)
     blocks = {name: np.zeros_like(block) for name, block in problem.blocks.items()}
-    if assembly.size:
-        try:
-            factor = assembly.factor(assembly.matrix(parts, 0.0, still))
-        except ArithmeticError:
-            return None
-        step = factor.solve(assembly.descent(parts, residuals))
-        if not np.isfinite(step).all():
-            return None
-        blocks = assembly.moved(blocks, step)
-    return read_only(blocks["vertices"])
+    try:
+        assembly = Assembly(problem, mesh)
+        if not assembly.size:
+            return read_only(blocks["vertices"])
+        factor = assembly.factor(assembly.matrix(parts, 0.0, still))
+    except (ArithmeticError, MemoryError):
+        return None
+    step = factor.solve(assembly.descent(parts, residuals))
+    if not np.isfinite(step).all():
+        return None
+    return read_only(assembly.moved(blocks, step)["vertices"])
 
 
 def _regions(mesh: PolyMesh, found: Conjugacy) -> list[Region]:

@@ -11,6 +11,7 @@ from pqmesh.mesh.conjugacy import conjugacy
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.optimize.conflicts import answered, hopeless, without
 from pqmesh.optimize.constraints import Constraints
+from pqmesh.optimize.ending import OUT_OF_MEMORY
 from pqmesh.optimize.guard import Guard
 from pqmesh.optimize.multilevel import coarse_to_fine
 from pqmesh.optimize.problem import Problem, Term, gathered
@@ -122,7 +123,7 @@ def optimized(
         # Where the boundary forbids some faces it leaves the others little room.
         tries = TRIES[1:] if impossible else TRIES
         best, weights = _relaxed(attempt, tries, start, best)
-        if not best.converged and not far:
+        if not best.converged and not far and best.reason != OUT_OF_MEMORY:
             best = _better(best, by_levels())
     while (
         within is not None
@@ -151,7 +152,7 @@ def _relaxed(
     first, *others = tries
     weights, found = first, _better(attempt(first, start), best)
     for weights in others:
-        if found.converged:
+        if found.converged or found.reason == OUT_OF_MEMORY:
             break
         found = _better(attempt(weights, start), found)
     return found, weights

@@ -26,7 +26,7 @@ import numpy as np
 from pqmesh.linear import Factor
 from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.optimize.assembly import Assembly
-from pqmesh.optimize.ending import SETTLED, Best, Solution, Step, why_stuck
+from pqmesh.optimize.ending import OUT_OF_MEMORY, SETTLED, Best, Solution, Step, why_stuck
 from pqmesh.optimize.guard import Guard
 from pqmesh.optimize.place import NEAR, ROOM, STRAIGHT, Place, State, Taken, evaluated, hardest
 from pqmesh.optimize.problem import Problem, Refreshing, gathered
@@ -128,10 +128,9 @@ def solve(
             if not state.finishing and (_descended(steps) or best.stalled(PATIENCE)):
                 state = replace(state, finishing=True, multipliers={})
                 best.forget()
-    except MemoryError as error:
+    except MemoryError:
         # What is found is kept: a mesh too large for the machine is no reason to lose it.
-        told = f" ({error})" if str(error) else ""
-        return ended(f"memory is too small for a further step{told}")
+        return ended(OUT_OF_MEMORY)
     return ended(f"stopped after {most_steps} steps")
 
 
@@ -157,7 +156,9 @@ def _advance(
     exactly = state.straight or state.finishing
     brakes, tries = BRAKE_EASE * state.brakes, BRAKE_TRIES
     brakes[brakes < LAST_BRAKE] = 0.0
+    factor: Factor | None
     for _ in range(14):
+        factor = None  # The one of the last try makes room for the next.
         try:
             factor = assembly.factor(assembly.matrix(here.parts, damping, brakes))
             direction = factor.solve(slope)
