@@ -487,7 +487,7 @@ def _optimized(
     told: Callable[[Step], None],
 ) -> Solution:
     """The optimisation of a kind."""
-    from pqmesh.koebe.best import edge_offset_solution
+    from pqmesh.koebe.best import HELD, edge_offset_solution
     from pqmesh.mesh.quadmesh import QuadMesh
     from pqmesh.optimize.schedule import optimized
 
@@ -502,7 +502,7 @@ def _optimized(
             progress=told,
         )
     quads = QuadMesh(start.vertices, start.topology)
-    return edge_offset_solution(quads, target, quads.vertex_normals, told)[0]
+    return edge_offset_solution(quads, target, quads.vertex_normals, told, weights=HELD)[0]
 
 
 # --- helpers of the shell -------------------------------------------------------------------

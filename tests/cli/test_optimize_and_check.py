@@ -212,14 +212,13 @@ def test_edge_offset_is_found_where_there_is_one_and_judged_where_not(
     bent = exact.vertices + 1e-3 * rng.standard_normal(exact.vertices.shape)
     write_mesh(exact.with_vertices(bent), tmp_path / "bent.obj")
     options = ["-o", "out.obj", "--kind", "edge-offset", "--report", "out.json"]
-    # The nearest exact mesh covers less of the surface: it is told, unless that is allowed.
-    assert "not reached: area 0.0603, asked 0.03" in pqmesh("optimize", "bent.obj", *options).err
-    result = pqmesh("optimize", "bent.obj", *options, "--tolerance", "area=0.1")
+    result = pqmesh("optimize", "bent.obj", *options)
     report = json.loads((tmp_path / "out.json").read_text())
     assert result.code == 0, result.err
     keys = ["planar", "edge-offset", "deviation", "deviation_rms", "area"]
     assert [row["key"] for row in report["tolerance"]] == keys
-    assert report["deviation"]["moved_max"] < 0.05
+    # 0.1 % of noise, edges of 0.23.
+    assert report["deviation"]["moved_max"] < 0.005
     checked = check_report(
         read_quad_mesh(tmp_path / "out.obj"), source="", units=None, tolerance=1e-9
     )
@@ -232,7 +231,7 @@ def test_edge_offset_is_found_where_there_is_one_and_judged_where_not(
         "edge-offset": True,
         "deviation": False,
         "deviation_rms": True,
-        "area": False,
+        "area": True,
     }
     assert result.code == 3
     assert "not reached: deviation" in result.err
@@ -341,7 +340,9 @@ def test_real_mesh_ends_in_code_0_or_in_3_with_the_reason(
     missed = [row["key"] for row in report["tolerance"] if row["pass"] is False]
     assert result.code == (3 if missed else 0)
     # Exact, but far from where it was, is one way to miss.
-    assert report["solver"]["converged"] is not bool(set(missed) - {"deviation_rms", "area"})
+    # Exact, but far from where it was or with flat nodes, is one way to miss.
+    exact = {"deviation_rms", "area", "conical", "twist"}
+    assert report["solver"]["converged"] is not bool(set(missed) - exact)
     assert report["solver"]["reason"] in result.err
     assert all(f"not reached: {key} " in result.err for key in missed)
     for count in ("nonconvex_faces", "flipped_faces"):
