@@ -80,6 +80,10 @@ def chains_of(mesh):
     return [chain for chain in mesh.topology.polylines if len(chain) > 4] or [every(mesh.vertices)]
 
 
+def inner_edges_of(mesh):
+    return np.flatnonzero(~mesh.topology.is_boundary_vertex[mesh.edges].any(axis=1))
+
+
 def range_of(mesh, power=1):
     return Range.of(0.6 * mesh.mean_edge_length**power, None, mesh.mean_edge_length**power)
 
@@ -99,6 +103,7 @@ ARGUMENTS = {
         Range.of(0.5 * mesh.mean_edge_length, mesh.mean_edge_length, mesh.mean_edge_length),
         every(mesh.edges),
     ),
+    "edge_parallel": lambda mesh: (inner_edges_of(mesh),),
     "panel_width": lambda mesh: (range_of(mesh), np.arange(mesh.topology.n_faces)),
     "panel_area": lambda mesh: (range_of(mesh, 2), np.arange(mesh.topology.n_faces)),
 }
@@ -114,7 +119,7 @@ def built(name, mesh, start=None):
 def blocks_of(mesh):
     return {
         "vertices": mesh.vertices,
-        "axes": Cone.start_axes(mesh),
+        "axes": Cone.start_axes(mesh, every(mesh.vertices)),
         "planes": PlanarPolyline.start_planes(mesh, chains_of(mesh)),
     }
 
@@ -283,7 +288,7 @@ def test_residuals_stay_when_mesh_and_reference_move_and_scale_together(name, ke
         image = other.evaluate(gathered(other, blocks_of(placed(mesh))))[0]
         value, image = (np.linalg.norm(each, axis=1) for each in (value, image))
         assert value.max(initial=1.0) > 1e-3
-    if name in (*ON_CURVES, "symmetry"):
+    if name in (*ON_CURVES, "symmetry", "edge_parallel"):
         value, image = (np.linalg.norm(each, axis=1) for each in (value, image))
     # Rounding of coordinates a few edges from the origin, at corners of down to a degree.
     assert np.abs(value - image).max(initial=0.0) < 1e-12

@@ -8,12 +8,13 @@ from pqmesh.koebe.approximate import FitWeights, approximate_edge_offset
 from pqmesh.koebe.edge_offset import edge_offset_test
 from pqmesh.koebe.families import square_koebe
 from pqmesh.koebe.square_patch import square_edges, square_patch
-from pqmesh.koebe.terms import EdgeParallel, Tangency
+from pqmesh.koebe.terms import Tangency
 from pqmesh.mesh.measure import planarity
 from pqmesh.network.kinds import trace_network
 from pqmesh.network.meshing import quads_from_network
 from pqmesh.offset.distances import edge_distance
 from pqmesh.optimize.problem import gathered
+from pqmesh.optimize.terms.parallel import EdgeParallel
 from pqmesh.surface.analytic import shape_surface
 from pqmesh.surface.closest import closest_point
 from pqmesh.surface.curvature import shape_data

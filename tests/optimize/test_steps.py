@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from shapes import curved_mesh, ellipsoid, sampled
 
-from pqmesh import linear
 from pqmesh.mesh.exact import grid_mesh, rotational_mesh, translational_mesh
 from pqmesh.mesh.measure import conicality_defect, nonconvex_faces, planarity
 from pqmesh.optimize.assembly import Assembly
@@ -340,15 +339,3 @@ def test_rim_that_forbids_flat_faces_keeps_the_best_mesh_and_says_what_stays():
     assert named.residuals["planarity"] <= worst
     assert "with this boundary 4 faces are not flat" in named.reason
     assert sorted(named.reason.split("worst are ")[1].split(", ")) == ["0", "1", "2", "3"]
-
-
-@pytest.mark.skipif(linear.find_spec("rslab") is None, reason="the extra `fast` is missing")
-def test_memory_that_is_too_small_keeps_the_start(monkeypatch):
-    start = curved_mesh(4, 4)
-    monkeypatch.setattr(linear, "_free_memory", lambda: 1000.0)
-    found = solve(problem_for("planar", start, triangles(start)), start)
-    assert not found.converged
-    assert "memory is too small for a further step" in found.reason
-    assert "75 unknowns" in found.reason
-    assert found.steps == ()
-    assert (found.blocks["vertices"] == start.vertices).all()

@@ -24,7 +24,7 @@ from pqmesh.koebe.discs import exact_image, koebe_near
 from pqmesh.koebe.edge_offset import image_error
 from pqmesh.koebe.members import parallel_member
 from pqmesh.koebe.polyhedron import tangency_deviation
-from pqmesh.koebe.terms import EdgeParallel, Tangency
+from pqmesh.koebe.terms import Tangency
 from pqmesh.mesh.measure import planarity
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.optimize.assembly import Assembly, Part
@@ -32,6 +32,7 @@ from pqmesh.optimize.guard import Guard
 from pqmesh.optimize.problem import Goal, Problem, Refreshing, gathered
 from pqmesh.optimize.terms import Closeness, Planarity, anchor, fairness
 from pqmesh.optimize.terms.linear import Combination
+from pqmesh.optimize.terms.parallel import EdgeParallel
 from pqmesh.surface.base import Surface
 from pqmesh.surface.curvature import shape_data
 from pqmesh.surface.reference import Reference, SurfaceReference, TriangleReference

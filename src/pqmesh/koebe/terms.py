@@ -12,33 +12,6 @@ from pqmesh.vectors import TINY, Floats, Indices, cross, norm
 
 
 @dataclass(frozen=True, eq=False)
-class EdgeParallel:
-    """Cross product of each edge with its image, over the mean edges of both meshes.
-
-    Attributes
-    ----------
-    area : float
-        Product of the two mean edges.
-    """
-
-    stencils: Mapping[str, Indices]
-    area: float
-
-    @classmethod
-    def on(cls, mesh: QuadMesh, image: QuadMesh) -> EdgeParallel:
-        """One element for each edge."""
-        area = mesh.mean_edge_length * image.mean_edge_length
-        return cls({"vertices": mesh.edges, "image": mesh.edges}, area)
-
-    def evaluate(self, rows: Floats) -> tuple[Floats, Floats]:
-        """Residuals (E, 3) and Jacobian (E, 3, 4, 3)."""
-        edge, other = rows[:, 1] - rows[:, 0], rows[:, 3] - rows[:, 2]
-        by_edge, by_other = -_turning(other), _turning(edge)
-        jacobian = np.stack([-by_edge, by_edge, -by_other, by_other], axis=2)
-        return cross(edge, other) / self.area, jacobian / self.area
-
-
-@dataclass(frozen=True, eq=False)
 class Tangency:
     """Distance of each image edge's line from the origin less 1, over the image's mean edge.
 
@@ -65,10 +38,3 @@ class Tangency:
         by_b = cross(normal, a) / long - stretch
         jacobian = np.stack([by_a, by_b], axis=1)[:, None]
         return (distance - 1.0) / self.length, jacobian / self.length
-
-
-def _turning(a: Floats) -> Floats:
-    """Matrices (n, 3, 3) of b -> a x b."""
-    x, y, z = a.T
-    zero = np.zeros(len(a))
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)

@@ -11,8 +11,8 @@ import numpy as np
 from pqmesh.errors import MeshError
 from pqmesh.mesh.measure import circularity_defect, fitted_cones, planarity
 from pqmesh.mesh.quadmesh import PolyMesh
+from pqmesh.mesh.slides import parallel_slides, touching_vectors
 from pqmesh.offset.parallel import ZERO_BAND, ZERO_FLOOR, check_edges
-from pqmesh.offset.slides import parallel_slides, touching_vectors
 from pqmesh.offset.vectors import (
     reflections_from_root,
     starts_by_closing,

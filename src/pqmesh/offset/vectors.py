@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import breadth_first_order
 from pqmesh.errors import MeshError
 from pqmesh.linear import SymmetricPattern
 from pqmesh.mesh.quadmesh import PolyMesh
-from pqmesh.offset.slides import parallel_slides, touching_vectors
+from pqmesh.mesh.slides import parallel_slides, touching_vectors
 from pqmesh.vectors import Floats, Indices, dot, norm, unit
 
 # A loop of reflections that turns a vector by less than this closes.

@@ -17,6 +17,7 @@ from pqmesh.optimize.terms import (
     Closeness,
     Cone,
     Conicality,
+    EdgeParallel,
     Gliding,
     Planarity,
     PolygonPlanarity,
@@ -25,8 +26,9 @@ from pqmesh.optimize.terms import (
     held_edges,
 )
 from pqmesh.surface.reference import Reference
-from pqmesh.vectors import Floats
+from pqmesh.vectors import Floats, Indices
 
+NONE = np.empty(0, dtype=np.int64)
 KINDS = ("planar", "conical", "circular", "conical-circular")
 BOUNDARIES = ("free", "fixed", "glide")
 
@@ -60,6 +62,7 @@ def problem_for(
     weights: Weights | None = None,
     warp: float = 0.0,
     constraints: Constraints | None = None,
+    flat_edges: Indices | None = None,
 ) -> Problem:
     """Problem whose solution is a mesh of the given kind close to start and reference.
 
@@ -82,6 +85,8 @@ def problem_for(
         their `PolygonPlanarity`).
     constraints : Constraints, optional
         What is asked of the mesh beside.
+    flat_edges : (n,), optional
+        Edges of a conical mesh whose ends need axes in a plane with them (`skew_edges`).
 
     Raises
     ------
@@ -93,7 +98,7 @@ def problem_for(
             f"The boundary must be one of {', '.join(BOUNDARIES)}; found {boundary!r}. Choose one."
         )
     weights = weights or Weights()
-    goals, blocks = hard_goals(kind, mesh, warp / mesh.mean_edge_length)
+    goals, blocks = hard_goals(kind, mesh, warp / mesh.mean_edge_length, flat_edges)
     goals += [
         Goal("closeness", Closeness.on(mesh, reference), weights.closeness),
         Goal("edges", held_edges(mesh), weights.edges),
@@ -114,7 +119,7 @@ def problem_for(
 
 
 def hard_goals(
-    kind: str, mesh: PolyMesh, slack: float = 0.0
+    kind: str, mesh: PolyMesh, slack: float = 0.0, flat_edges: Indices | None = None
 ) -> tuple[list[Goal], dict[str, Floats]]:
     """What makes a mesh of the given kind, and the start of its unknowns.
 
@@ -124,6 +129,9 @@ def hard_goals(
     mesh : PolyMesh
     slack : float
         Faces may be out of plane by so much, in mean edges.
+    flat_edges : (n,), optional
+        Edges between inner vertices whose faces may lie in one plane: of a conical mesh, the axes
+        of their ends have to lie in a plane with them.
 
     Raises
     ------
@@ -135,11 +143,17 @@ def hard_goals(
     blocks = {"vertices": mesh.vertices}
     goals = _planarity(mesh, slack)
     if "conical" in kind:
-        goals.append(Goal("conicality", Conicality.on(mesh), hard=True, tolerance=1e-11))
-        axes = Cone.start_axes(mesh)
+        edges = NONE if flat_edges is None else flat_edges
+        ends = np.unique(mesh.edges[edges])
+        conical = Conicality.on(mesh, ends)
+        goals.append(Goal("conicality", conical, hard=True, tolerance=1e-11))
+        axes = Cone.start_axes(mesh, ends)
         if len(axes):
             blocks["axes"] = axes
-            goals += _cones(mesh)
+            goals += _cones(mesh, ends)
+        if len(edges):
+            aligned = EdgeParallel.between_axes(mesh, edges)
+            goals.append(Goal("twist", aligned, hard=True, tolerance=1e-11))
     if "circular" in kind:
         goals.append(Goal("circularity", Circularity.on(mesh), hard=True, tolerance=1e-11))
     return goals, blocks
@@ -155,13 +169,13 @@ def _planarity(mesh: PolyMesh, slack: float) -> list[Goal]:
     return _shared(terms, tolerance=1e-12, slack=slack)
 
 
-def _cones(mesh: PolyMesh) -> list[Goal]:
-    """Goals of the cones at vertices of valence above 4: one for each size of faces there."""
-    terms: dict[str, Term] = {"cone": Cone.on(mesh)}
+def _cones(mesh: PolyMesh, also: Indices) -> list[Goal]:
+    """Goals of the cones at vertices with an axis: one for each size of faces there."""
+    terms: dict[str, Term] = {"cone": Cone.on(mesh, also=also)}
     for _, corners in mesh.topology.face_groups:
         size = corners.shape[1]
         if size != 4:
-            terms[f"cone of {size}-gons"] = Cone.on(mesh, size)
+            terms[f"cone of {size}-gons"] = Cone.on(mesh, size, also)
     return _shared(terms, tolerance=1e-11)
 
 

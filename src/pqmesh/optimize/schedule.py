@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
 from pqmesh.mesh.conjugacy import conjugacy
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
-from pqmesh.optimize.conflicts import answered, hopeless, without
+from pqmesh.optimize.conflicts import Hopeless, answered, hopeless, without
 from pqmesh.optimize.constraints import Constraints
-from pqmesh.optimize.ending import OUT_OF_MEMORY
+from pqmesh.optimize.ending import OUT_OF_MEMORY, SETTLED
 from pqmesh.optimize.guard import Guard
 from pqmesh.optimize.multilevel import coarse_to_fine
 from pqmesh.optimize.problem import Problem, Term, gathered
-from pqmesh.optimize.recipes import LOOSE, Weights, problem_for
+from pqmesh.optimize.recipes import LOOSE, Weights, hard_goals, problem_for
 from pqmesh.optimize.solver import Solution, Step, solve
 from pqmesh.optimize.terms.curves import OnCurve
+from pqmesh.optimize.twist import untwisted
 from pqmesh.surface.reference import Reference
-from pqmesh.vectors import far_origin, norm
+from pqmesh.vectors import Indices, far_origin, norm
 
 # A mesh that does not come right is tried again with less of a hold on surface and places.
 TRIES = (Weights(), Weights(closeness=10.0, anchor=0.01), LOOSE)
@@ -88,74 +90,125 @@ def optimized(
         )
         moved = found.blocks | {"vertices": found.blocks["vertices"] + origin}
         return replace(found, blocks=moved)
-
-    def problem(weights: Weights, first: PolyMesh) -> Problem:
-        return problem_for(
-            kind,
-            first,
-            reference,
-            boundary=boundary,
-            weights=weights,
-            warp=warp,
-            constraints=constraints,
-        )
-
-    def attempt(weights: Weights, first: PolyMesh) -> Solution:
-        possible = without(problem(weights, first), impossible)
-        return solve(possible, first, progress=lambda _, step: progress(step) if progress else None)
-
-    def by_levels() -> Solution | None:
-        if boundary == "glide" or constraints is not None or not start.topology.is_quad:
-            return None
-        quads = QuadMesh(start.vertices, start.topology)
-        return coarse_to_fine(
-            kind, quads, reference, boundary=boundary, warp=warp, progress=progress
-        )
-
-    impossible = [] if boundary == "free" else hopeless(problem(Weights(), start), start)
-    far = conjugacy(start).lines_are_far
-    best, weights, first = (by_levels() if far else None), Weights(), start
-    if best is not None and best.converged:
-        # The design is where the levels led; from there it may be pulled closer.
-        first = start.with_vertices(best.blocks["vertices"])
-        weights = replace(weights, closeness=WEAKEST)
-    else:
-        # Where the boundary forbids some faces it leaves the others little room.
-        tries = TRIES[1:] if impossible else TRIES
-        best, weights = _relaxed(attempt, tries, start, best)
-        if not best.converged and not far and best.reason != OUT_OF_MEMORY:
-            best = _better(best, by_levels())
-    while (
-        within is not None
-        and best.converged
-        and _distance(best, reference) > within
-        and weights.closeness * FACTOR <= STRONGEST
-    ):
-        weights = replace(weights, closeness=weights.closeness * FACTOR)
-        solution = attempt(weights, first)
-        if not solution.converged or _distance(solution, reference) > _distance(best, reference):
-            break
-        best = solution
+    asked = _Asked(kind, start, reference, boundary, warp, constraints, progress)
+    impossible = asked.impossible
+    best, weights, first = asked.tried()
+    if within is not None and best.converged:
+        best = asked.nearer(best, weights, first, within)
+    if "conical" in kind and best.converged and not impossible:
+        best = untwisted(best, start, partial(asked.with_flat_edges, weights))
     if boundary == "free":
         return best
-    best = _on_curves(best, without(problem(weights, start), impossible), start)
+    best = _on_curves(best, without(asked.problem(weights, start), impossible), start)
     return answered(best, impossible, start)
 
 
-def _relaxed(
-    attempt: Callable[[Weights, PolyMesh], Solution],
-    tries: tuple[Weights, ...],
-    start: PolyMesh,
-    best: Solution | None,
-) -> tuple[Solution, Weights]:
-    """Tries with a weaker and weaker hold, until one converges; and its weights."""
-    first, *others = tries
-    weights, found = first, _better(attempt(first, start), best)
-    for weights in others:
-        if found.converged or found.reason == OUT_OF_MEMORY:
-            break
-        found = _better(attempt(weights, start), found)
-    return found, weights
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What is asked for, and the ways to it."""
+
+    kind: str
+    start: PolyMesh
+    reference: Reference
+    boundary: str
+    warp: float
+    constraints: Constraints | None
+    progress: Callable[[Step], None] | None
+
+    @cached_property
+    def impossible(self) -> list[Hopeless]:
+        """What the boundary forbids."""
+        if self.boundary == "free":
+            return []
+        return hopeless(self.problem(Weights(), self.start), self.start)
+
+    @cached_property
+    def guard(self) -> Guard:
+        """The limits of all tries: those of the start."""
+        return Guard.of(self.start)
+
+    def problem(self, weights: Weights, first: PolyMesh, flat: Indices | None = None) -> Problem:
+        """The problem whose soft goals hold on to a mesh."""
+        return problem_for(
+            self.kind,
+            first,
+            self.reference,
+            boundary=self.boundary,
+            weights=weights,
+            warp=self.warp,
+            constraints=self.constraints,
+            flat_edges=flat,
+        )
+
+    def solved(self, problem: Problem, first: PolyMesh, resting: float = SETTLED) -> Solution:
+        """Its solution from a mesh, without what is impossible."""
+        return solve(
+            without(problem, self.impossible),
+            first,
+            resting=resting,
+            guard=self.guard,
+            progress=lambda _, step: self.progress(step) if self.progress else None,
+        )
+
+    def with_flat_edges(
+        self, weights: Weights, found: PolyMesh, flat: Indices, resting: float
+    ) -> Solution:
+        """The solution near a found mesh whose flat edges keep the axes of their ends aligned."""
+        # What is soft holds on to the start, as before.
+        held = self.problem(weights, self.start, flat)
+        _, blocks = hard_goals(self.kind, found, flat_edges=flat)
+        return self.solved(replace(held, blocks={**held.blocks, **blocks}), found, resting)
+
+    def by_levels(self) -> Solution | None:
+        """The solution by way of coarser meshes, where there is such a way."""
+        if self.boundary == "glide" or self.constraints or not self.start.topology.is_quad:
+            return None
+        return coarse_to_fine(
+            self.kind,
+            QuadMesh(self.start.vertices, self.start.topology),
+            self.reference,
+            boundary=self.boundary,
+            warp=self.warp,
+            progress=self.progress,
+        )
+
+    def tried(self) -> tuple[Solution, Weights, PolyMesh]:
+        """The first solution that converges, its weights, and the mesh that these hold on to."""
+        far = conjugacy(self.start).lines_are_far
+        best = self.by_levels() if far else None
+        if best is not None and best.converged:
+            # The design is where the levels led; from there it may be pulled closer.
+            first = self.start.with_vertices(best.blocks["vertices"])
+            return best, replace(Weights(), closeness=WEAKEST), first
+        # Where the boundary forbids some faces it leaves the others little room.
+        tight, *looser = TRIES[1:] if self.impossible else TRIES
+        weights, found = tight, _better(self._attempt(tight, self.start), best)
+        for weights in looser:
+            if found.converged or found.reason == OUT_OF_MEMORY:
+                break
+            found = _better(self._attempt(weights, self.start), found)
+        if not found.converged and not far and found.reason != OUT_OF_MEMORY:
+            found = _better(found, self.by_levels())
+        return found, weights, self.start
+
+    def nearer(self, best: Solution, weights: Weights, first: PolyMesh, within: float) -> Solution:
+        """The solution pulled to the surface until it is so near, as far as that is possible."""
+        distance = self._distance(best)
+        while distance > within and weights.closeness * FACTOR <= STRONGEST:
+            weights = replace(weights, closeness=weights.closeness * FACTOR)
+            solution = self._attempt(weights, first)
+            if not solution.converged or self._distance(solution) > distance:
+                break
+            best, distance = solution, self._distance(solution)
+        return best
+
+    def _attempt(self, weights: Weights, first: PolyMesh) -> Solution:
+        return self.solved(self.problem(weights, first), first)
+
+    def _distance(self, solution: Solution) -> float:
+        """Largest distance of a vertex to the reference."""
+        vertices = solution.blocks["vertices"]
+        return float(norm(vertices - self.reference.closest(vertices)[0]).max())
 
 
 def _on_curves(best: Solution, problem: Problem, start: PolyMesh) -> Solution:
@@ -203,9 +256,3 @@ def _better(solution: Solution, other: Solution | None) -> Solution:
 def _worst(solution: Solution) -> float:
     """Largest hard residual."""
     return max(solution.residuals.values(), default=0.0)
-
-
-def _distance(solution: Solution, reference: Reference) -> float:
-    """Largest distance of a vertex to the reference."""
-    vertices = solution.blocks["vertices"]
-    return float(norm(vertices - reference.closest(vertices)[0]).max())

@@ -6,6 +6,7 @@ from pqmesh.optimize.terms.closeness import Closeness, Within
 from pqmesh.optimize.terms.cone import Cone
 from pqmesh.optimize.terms.curves import Gliding, OnCurve
 from pqmesh.optimize.terms.linear import Combination, anchor, fairness, held_edges
+from pqmesh.optimize.terms.parallel import EdgeParallel
 from pqmesh.optimize.terms.planarity import Planarity, PolygonPlanarity
 from pqmesh.optimize.terms.planes import OnPlanes, PlanarPolyline
 from pqmesh.optimize.terms.sizes import EdgeLength, PanelArea, PanelWidth
@@ -26,6 +27,7 @@ TERMS = {
     "planar_polyline": PlanarPolyline.on,
     "symmetry": Symmetry.on,
     "node_axis": NodeAxis.on,
+    "edge_parallel": EdgeParallel.between_axes,
     "edge_length": EdgeLength.on,
     "panel_width": PanelWidth.on,
     "panel_area": PanelArea.on,
@@ -42,6 +44,7 @@ __all__ = [
     "Cone",
     "Conicality",
     "EdgeLength",
+    "EdgeParallel",
     "Gliding",
     "NodeAxis",
     "OnCurve",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,8 @@ from pqmesh.mesh.measure import common_vectors
 from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.optimize.terms.planarity import area_vectors
 from pqmesh.vectors import TINY, Floats, Indices, cross, dot, norm
+
+NONE = np.empty(0, dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,31 +28,31 @@ class Cone:
     stencils: Mapping[str, Indices]
 
     @classmethod
-    def on(cls, mesh: PolyMesh, size: int = 4) -> Cone:
-        """One element for each face of so many corners at each such vertex."""
+    def on(cls, mesh: PolyMesh, size: int = 4, also: Indices = NONE) -> Cone:
+        """One element for each face of so many corners at each such vertex, and at others named."""
         corners, axes, count = [np.empty((0, size), np.int64)], [np.empty((0, 1), np.int64)], 0
         topology = mesh.topology
-        for star in topology.stars():
-            n, k = star.faces.shape
-            if k > 4:
-                faces, axis = star.faces.ravel(), np.repeat(count + np.arange(n), k)
-                chosen = topology.face_sizes[faces] == size
-                corners.append(
-                    topology.indices[topology.offsets[faces[chosen]][:, None] + np.arange(size)]
-                )
-                axes.append(axis[chosen][:, None])
-                count += n
+        for vertices, around in _with_axes(mesh, also):
+            n, k = around.shape
+            faces, axis = around.ravel(), np.repeat(count + np.arange(n), k)
+            chosen = topology.face_sizes[faces] == size
+            corners.append(
+                topology.indices[topology.offsets[faces[chosen]][:, None] + np.arange(size)]
+            )
+            axes.append(axis[chosen][:, None])
+            count += len(vertices)
         return cls({"vertices": np.concatenate(corners), "axes": np.concatenate(axes)})
 
     @staticmethod
-    def start_axes(mesh: PolyMesh) -> Floats:
+    def vertices(mesh: PolyMesh, also: Indices = NONE) -> Indices:
+        """The vertices with an axis, in the row order of the block `axes`."""
+        return np.concatenate([NONE, *(found for found, _ in _with_axes(mesh, also))])
+
+    @staticmethod
+    def start_axes(mesh: PolyMesh, also: Indices = NONE) -> Floats:
         """Least-squares vectors w of the mesh, in the row order of `on`, shape (n, 3)."""
-        parts = [
-            common_vectors(mesh.face_normals[star.faces])
-            for star in mesh.topology.stars()
-            if star.faces.shape[1] > 4
-        ]
-        return np.concatenate(parts) if parts else np.empty((0, 3))
+        parts = [common_vectors(mesh.face_normals[around]) for _, around in _with_axes(mesh, also)]
+        return np.concatenate([np.empty((0, 3)), *parts])
 
     def evaluate(self, rows: Floats) -> tuple[Floats, Floats]:
         """Residuals (m, 1) and Jacobian (m, 1, k + 1, 3) of faces of k corners."""
@@ -63,3 +65,15 @@ class Cone:
         slope = (axis - along[:, None] * normal) / length
         jacobian = np.concatenate([cross(chords, slope[:, None]), normal[:, None]], axis=1)
         return (along - 1.0)[:, None], jacobian[:, None]
+
+
+def _with_axes(mesh: PolyMesh, also: Indices) -> Iterator[tuple[Indices, Indices]]:
+    """Inner vertices (n,) of valence above 4, then those named; the faces (n, k) around them."""
+    stars = list(mesh.topology.stars())
+    for star in stars:
+        if star.faces.shape[1] > 4:
+            yield star.vertices, star.faces
+    for star in stars:
+        chosen = np.isin(star.vertices, also)
+        if star.faces.shape[1] <= 4 and chosen.any():
+            yield star.vertices[chosen], star.faces[chosen]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.sparse import coo_array
 
-from pqmesh.offset.slides import least_squares
+from pqmesh.mesh.slides import least_squares
 
 
 @pytest.mark.parametrize("left_over", [0.0, 1.0])

@@ -97,8 +97,20 @@ def parallel_slides(mesh: PolyMesh, touching: Touching) -> tuple[Floats, Any]:
         The matrix takes the amounts of the free directions to the turns of the edges that planes
         do not keep parallel: its null space are the families of offsets.
     """
+    matrix, gap = edge_equations(mesh, touching, _unforced_edges(mesh))
+    slides = np.zeros_like(touching.vectors)
+    if matrix.nnz:
+        amounts = least_squares(matrix, -gap)
+        np.add.at(slides, touching.vertices, amounts[:, None] * touching.directions)
+    return slides, matrix
+
+
+def edge_equations(mesh: PolyMesh, touching: Touching, edges: Indices) -> tuple[coo_array, Floats]:
+    """Turn of some edges (n,) by the free directions, sparse (n, r), and by the vectors, (n,).
+
+    Sines over lengths in mean edges: an edge stays parallel where both together are 0.
+    """
     vectors, vertices, directions = touching
-    edges = _unforced_edges(mesh)
     ends = mesh.edges[edges]
     face = mesh.topology.edge_faces[edges].max(axis=1)
     length = mesh.edge_lengths[edges][:, None]
@@ -114,12 +126,7 @@ def parallel_slides(mesh: PolyMesh, touching: Touching) -> tuple[Floats, Any]:
             column = first[edge, end] + step
             entries.append((edge, column, sign * dot(across[edge], directions[column])))
     edge, column, value = (np.concatenate(part) for part in zip(*entries, strict=True))
-    matrix = coo_array((value, (edge, column)), (len(ends), len(vertices)))
-    slides = np.zeros_like(vectors)
-    if len(value):
-        amounts = least_squares(matrix, -gap)
-        np.add.at(slides, vertices, amounts[:, None] * directions)
-    return slides, matrix
+    return coo_array((value, (edge, column)), (len(ends), len(vertices))), gap
 
 
 def _unforced_edges(mesh: PolyMesh) -> Indices:
