@@ -40,6 +40,8 @@ def limits_of(
     start: PolyMesh,
     given: Mapping[str, float] | None = None,
     within: float | None = None,
+    *,
+    is_constrained: bool = False,
 ) -> dict[str, float]:
     """What a mesh of a kind is judged by: the limits, given ones before their defaults.
 
@@ -52,6 +54,8 @@ def limits_of(
         Lengths in the model unit, the twist in degrees.
     within : float, optional, model unit
         The largest distance that was asked for. The rms distance may then be as large.
+    is_constrained : bool
+        Constraints say where the mesh goes: the area is judged only where a limit is given.
 
     Raises
     ------
@@ -84,6 +88,8 @@ def limits_of(
             raise SpecError(
                 f"A tolerance of --kind {kind} must be one of {known}; found {key!r}. {say}."
             )
+    if is_constrained:
+        del limits["area"]
     return limits | dict(given)
 
 

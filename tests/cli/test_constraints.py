@@ -122,7 +122,7 @@ def test_optimize_meets_its_constraints_and_says_so(
         "optimize", dome.name, "-o", "out.obj", "--kind", "planar",
         "--constraints", "wanted.toml", "--report", report.name,
     )  # fmt: skip
-    assert done.code == 0
+    assert done.code == 0, done.err
     mesh = read_quad_mesh(tmp_path / "out.obj")
     assert np.abs(mesh.vertices[[0, 4, 20, 24], 2] - 1.2).max() < 1e-12
     grid = mesh.vertices.reshape(5, 5, 3)

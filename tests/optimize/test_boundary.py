@@ -9,7 +9,7 @@ from pqmesh.mesh.exact import rotational_mesh
 from pqmesh.mesh.measure import planarity
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.optimize.recipes import boundary_corners, problem_for
-from pqmesh.optimize.solver import solve
+from pqmesh.optimize.schedule import optimized
 from pqmesh.surface.reference import TriangleReference
 
 PROFILE = np.array([[2, 0], [2.4, 0.5], [2.5, 1.2], [1.9, 1.5], [1.4, 2.3]])
@@ -25,7 +25,7 @@ def noisy(mesh, share, seed):
 
 def optimised(kind, mesh, boundary):
     reference = TriangleReference.of_polygons(mesh.vertices, mesh.faces.tolist())
-    found = solve(problem_for(kind, mesh, reference, boundary=boundary), mesh)
+    found = optimized(kind, mesh, reference, boundary=boundary)
     return mesh.with_vertices(found.blocks["vertices"]), found
 
 

@@ -24,7 +24,7 @@ from pqmesh.surface.reference import Reference
 from pqmesh.vectors import Indices, far_origin, norm
 
 # A mesh that does not come right is tried again with less of a hold on surface and places.
-TRIES = (Weights(), Weights(closeness=10.0, anchor=0.01), LOOSE)
+TRIES = (Weights(), Weights(closeness=10.0, fairness=0.1, anchor=0.01), LOOSE)
 # To stay within a distance, closeness is raised by this factor between tries, up to the second;
 # what came by way of coarser meshes starts at the last.
 FACTOR, STRONGEST, WEAKEST = 10.0, 1e7, 1.0
