@@ -25,6 +25,7 @@ from pqmesh.network.principal import CurveNetwork
 from pqmesh.network.region import PlanOutline
 from pqmesh.offset.offsets import offset_vectors
 from pqmesh.offset.support import twist
+from pqmesh.optimize.recipes import SURFACE
 from pqmesh.optimize.schedule import optimized
 from pqmesh.optimize.solver import Solution
 from pqmesh.report import deviation
@@ -105,7 +106,9 @@ def row_of(start: Start, solution: Solution, goal: str) -> dict[str, Any]:
 
 def made(start: Start, goal: str, warp: float = 0.0) -> dict[str, Any]:
     """A start made planar or conical, with panels out of plane by so many metres at most."""
-    return row_of(start, optimized(goal, start.mesh, start.reference, warp=warp), goal)
+    return row_of(
+        start, optimized(goal, start.mesh, start.reference, weights=SURFACE, warp=warp), goal
+    )
 
 
 def warp_curve(

@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from pqmesh.design import Design
     from pqmesh.mesh.quadmesh import PolyMesh
     from pqmesh.optimize.constraints import Constraints
+    from pqmesh.optimize.recipes import Weights
     from pqmesh.optimize.solver import Solution, Step
     from pqmesh.results import Roof
     from pqmesh.source import Source
@@ -313,7 +314,7 @@ def optimize(
     from pqmesh.optimize.constrained import constraint_miss
     from pqmesh.optimize.mending import mended
     from pqmesh.optimize.outlook import outlook
-    from pqmesh.optimize.recipes import problem_for
+    from pqmesh.optimize.recipes import SURFACE, problem_for
     from pqmesh.report import optimization_report
     from pqmesh.report_limits import limits_of
 
@@ -347,6 +348,7 @@ def optimize(
             mending.mesh,
             target,
             boundary,
+            SURFACE if reference else None,
             within,
             wanted,
             lambda step: tell("optimize", step),
@@ -482,6 +484,7 @@ def _optimized(
     start: PolyMesh,
     target: Reference,
     boundary: Boundary,
+    weights: Weights | None,
     within: float | None,
     constraints: Constraints | None,
     told: Callable[[Step], None],
@@ -497,6 +500,7 @@ def _optimized(
             start,
             target,
             boundary=boundary,
+            weights=weights,
             within=within,
             constraints=constraints,
             progress=told,

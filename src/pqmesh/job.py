@@ -25,6 +25,7 @@ from pqmesh.network.region import PlanOutline, region_samples
 from pqmesh.offset.offsets import Layer, offset_layer, offset_vectors
 from pqmesh.offset.support import SupportStructure, support_structure
 from pqmesh.offset.vectors import OffsetVectors
+from pqmesh.optimize.recipes import SURFACE
 from pqmesh.optimize.schedule import optimized
 from pqmesh.optimize.solver import Solution, Step
 from pqmesh.surface.base import Surface
@@ -214,6 +215,7 @@ def _solved(
         start,
         reference,
         boundary=spec.boundary,
+        weights=SURFACE,
         within=spec.within,
         warp=spec.flat,
         constraints=spec.constraints,

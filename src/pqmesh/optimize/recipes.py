@@ -48,6 +48,8 @@ class Weights:
     anchor: float = 3.0
 
 
+# For nets laid on a surface: where on it the vertices are is of little account.
+SURFACE = Weights(closeness=100.0, fairness=0.1, anchor=1e-3)
 # For nets that have far to go: the surface pulls as strongly as the edges hold on to each other,
 # and the places of the vertices hardly count. Ten times the closeness keeps a coarse net three
 # times as close to the surface, and slides it twice as far along it.

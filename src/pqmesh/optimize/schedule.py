@@ -24,7 +24,9 @@ from pqmesh.surface.reference import Reference
 from pqmesh.vectors import Indices, far_origin, norm
 
 # A mesh that does not come right is tried again with less of a hold on surface and places.
-TRIES = (Weights(), Weights(closeness=10.0, fairness=0.1, anchor=0.01), LOOSE)
+LOOSER = (Weights(closeness=10.0, fairness=0.1, anchor=0.01), LOOSE)
+# Vertices are free to slide where the weight of the anchor is not above this.
+SLIDING = 0.1
 # To stay within a distance, closeness is raised by this factor between tries, up to the second;
 # what came by way of coarser meshes starts at the last.
 FACTOR, STRONGEST, WEAKEST = 10.0, 1e7, 1.0
@@ -36,6 +38,7 @@ def optimized(
     reference: Reference,
     *,
     boundary: str = "free",
+    weights: Weights | None = None,
     within: float | None = None,
     warp: float = 0.0,
     constraints: Constraints | None = None,
@@ -55,6 +58,9 @@ def optimized(
     start : PolyMesh
     reference : Reference
     boundary : 'free', 'fixed' or 'glide'
+    weights : Weights, optional
+        Those of the first try. By default vertices keep their places, which is for a mesh that
+        is its own reference; `SURFACE` is for nets on a surface that matters more.
     within : float, optional, model unit
     warp : float, model unit
         Panels may be out of plane by so much; the rest of the freedom goes to the soft goals.
@@ -83,6 +89,7 @@ def optimized(
             start.with_vertices(start.vertices - origin),
             reference.about(origin),
             boundary=boundary,
+            weights=weights,
             within=within,
             warp=warp,
             constraints=None if constraints is None else constraints.about(origin),
@@ -90,16 +97,17 @@ def optimized(
         )
         moved = found.blocks | {"vertices": found.blocks["vertices"] + origin}
         return replace(found, blocks=moved)
-    asked = _Asked(kind, start, reference, boundary, warp, constraints, progress)
+    first_try = weights or Weights()
+    asked = _Asked(kind, start, reference, boundary, first_try, warp, constraints, progress)
     impossible = asked.impossible
-    best, weights, first = asked.tried()
+    best, held, first = asked.tried()
     if within is not None and best.converged:
-        best = asked.nearer(best, weights, first, within)
+        best = asked.nearer(best, held, first, within)
     if "conical" in kind and best.converged and not impossible:
-        best = untwisted(best, start, partial(asked.with_flat_edges, weights))
+        best = untwisted(best, start, partial(asked.with_flat_edges, held))
     if boundary == "free":
         return best
-    best = _on_curves(best, without(asked.problem(weights, start), impossible), start)
+    best = _on_curves(best, without(asked.problem(held, start), impossible), start)
     return answered(best, impossible, start)
 
 
@@ -111,6 +119,7 @@ class _Asked:
     start: PolyMesh
     reference: Reference
     boundary: str
+    weights: Weights
     warp: float
     constraints: Constraints | None
     progress: Callable[[Step], None] | None
@@ -174,20 +183,21 @@ class _Asked:
 
     def tried(self) -> tuple[Solution, Weights, PolyMesh]:
         """The first solution that converges, its weights, and the mesh that these hold on to."""
-        far = conjugacy(self.start).lines_are_far
-        best = self.by_levels() if far else None
+        # Vertices that may slide do so on the mesh itself; held ones would go zigzag there.
+        first_levels = self.weights.anchor > SLIDING and conjugacy(self.start).lines_are_far
+        best = self.by_levels() if first_levels else None
         if best is not None and best.converged:
             # The design is where the levels led; from there it may be pulled closer.
             first = self.start.with_vertices(best.blocks["vertices"])
-            return best, replace(Weights(), closeness=WEAKEST), first
+            return best, replace(self.weights, closeness=WEAKEST), first
         # Where the boundary forbids some faces it leaves the others little room.
-        tight, *looser = TRIES[1:] if self.impossible else TRIES
+        tight, *looser = LOOSER if self.impossible else (self.weights, *LOOSER)
         weights, found = tight, _better(self._attempt(tight, self.start), best)
         for weights in looser:
             if found.converged or found.reason == OUT_OF_MEMORY:
                 break
             found = _better(self._attempt(weights, self.start), found)
-        if not found.converged and not far and found.reason != OUT_OF_MEMORY:
+        if not found.converged and not first_levels and found.reason != OUT_OF_MEMORY:
             found = _better(found, self.by_levels())
         return found, weights, self.start
 
