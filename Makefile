@@ -53,7 +53,7 @@ check: $(VENV)/dev.stamp
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest
 
-verify: $(VENV)/test.stamp
+verify: $(VENV)/bench.stamp
 	$(BIN)/python benchmarks/verify
 
 bench: $(VENV)/bench.stamp

@@ -331,7 +331,8 @@ def optimize(
     check_near(start, mesh.name)
     if kind is Kind.edge_offset:
         check_quads(start, mesh.name)
-    judged_by = limits_of(kind, start, given, within, is_constrained=wanted is not None)
+    is_placed = wanted is None and reference is None
+    judged_by = limits_of(kind, start, given, within, is_placed=is_placed)
     held = None if boundary is Boundary.free else start.topology.is_boundary_vertex
     mending = mended(start, held)
     target = reference_of(reference, mending.mesh)

@@ -12,7 +12,6 @@ from pqmesh.design import Design
 from pqmesh.fabricate.edgebeams import EdgeBeam
 from pqmesh.fabricate.trim import TrimmedPanels
 from pqmesh.job import Panelization
-from pqmesh.job_spec import EDGE_OFFSET
 from pqmesh.mesh.measure import planarity_deviation, plane_deviation
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.network.principal import Inside
@@ -355,8 +354,8 @@ def _tolerance(
     if report["kind"] == "planar":
         # No constant distance exists for a mesh that is only planar: reported, not judged.
         reached["offset"] = None
-    if report["kind"] == EDGE_OFFSET and design.tolerance.area is None:
-        # How much of the surface an exact mesh covers is found with it.
+    if design.tolerance.area is None:
+        # Panels may slide on their surface; what of the site they cover is judged by itself.
         reached["area"] = None
     beyond = max(map(_beyond, report["layers"]), default=0.0)
     if beyond > 0.0:

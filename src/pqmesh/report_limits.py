@@ -41,7 +41,7 @@ def limits_of(
     given: Mapping[str, float] | None = None,
     within: float | None = None,
     *,
-    is_constrained: bool = False,
+    is_placed: bool = True,
 ) -> dict[str, float]:
     """What a mesh of a kind is judged by: the limits, given ones before their defaults.
 
@@ -54,8 +54,9 @@ def limits_of(
         Lengths in the model unit, the twist in degrees.
     within : float, optional, model unit
         The largest distance that was asked for. The rms distance may then be as large.
-    is_constrained : bool
-        Constraints say where the mesh goes: the area is judged only where a limit is given.
+    is_placed : bool
+        The mesh is to stay where it is. Where constraints or a surface say where it goes, the
+        area is judged only if a limit is given.
 
     Raises
     ------
@@ -88,7 +89,7 @@ def limits_of(
             raise SpecError(
                 f"A tolerance of --kind {kind} must be one of {known}; found {key!r}. {say}."
             )
-    if is_constrained:
+    if not is_placed:
         del limits["area"]
     return limits | dict(given)
 
