@@ -23,6 +23,8 @@ from pqmesh.vectors import Floats, Indices
 ANALYSIS = 100
 # Bytes for the stacks and heaps of its threads, which it starts with the first analysis.
 THREADS = 1 << 27
+# So many bytes are there: to ask would take longer than to factorise.
+SMALL = 1 << 24
 
 
 class Factor(Protocol):
@@ -202,6 +204,8 @@ def check_room(size: int) -> None:
     A back end that runs out of memory ends the whole process: what it will need is asked for, and
     given back, before. A system that promises more than it has is not believed.
     """
+    if size < SMALL:
+        return
     with suppress(OSError, ValueError, IndexError):
         lines = Path("/proc/meminfo").read_text().splitlines()
         free = [1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")]

@@ -25,6 +25,8 @@ from pqmesh.vectors import Floats, Indices, Mask, norm, read_only
 # A drag ends once the hard goals are this well met and no vertex moves further than the second
 # number, in mean edges: the next drag goes on from there.
 TOLERANCE, RESTING = 1e-7, 0.3
+# First penalty of a drag: a drag bends the goals, and a bolder one would hold the handles back.
+BOLD = 1e6
 # Weights, on mean squares in mean edges. The handles reach their targets where the mesh has the
 # freedom. Smoothness counts more than lengths, so that a drag bends a region and makes no peak.
 HANDLES, EDGES, FAIRNESS, ANCHOR = 1e2, 1e-2, 1e1, 1e-3
@@ -144,6 +146,7 @@ class Editing:
             self.rest,
             most_steps=MOST_STEPS,
             resting=RESTING,
+            bold=BOLD,
             assembly=self._assembly,
             guard=self._guard,
         )

@@ -12,18 +12,24 @@ from pqmesh.vectors import Floats, norm
 
 # A last move as small as this, in mean edges, has found the optimum of the soft goals.
 SETTLED = 1e-3
+# After a straight step up to this long, in mean edges, the next one would be smaller than that.
+FORESEEN = 1e-2
 # Reason for an end where a matrix does not fit.
 OUT_OF_MEMORY = "the memory does not suffice for the next step: a coarser mesh needs less"
 
 
 @dataclass(frozen=True)
 class Step:
-    """One iteration: largest hard residual, largest move in mean edges, share of the step taken."""
+    """One iteration: largest hard residual, largest move in mean edges, share of the step taken.
+
+    `straight` tells that the hard goals hardly bent along it.
+    """
 
     hard: float
     moved: float
     share: float
     penalty: float
+    straight: bool = False
 
 
 @dataclass(frozen=True)
@@ -80,8 +86,10 @@ class Best:
         self.history = self.history[-1:]
 
     def settled(self, steps: list[Step], resting: float = SETTLED) -> bool:
-        """Hard goals within tolerance and the last step small."""
-        return self.history[-1] <= 1.0 and steps[-1].moved <= resting and steps[-1].share == 1.0
+        """Hard goals within tolerance and the last step small, or the one that would follow it."""
+        last = steps[-1]
+        least = max(FORESEEN, resting) if last.straight else resting
+        return self.history[-1] <= 1.0 and last.moved <= least and last.share == 1.0
 
     def stuck(self, steps: list[Step]) -> bool:
         """Three short steps that hardly moved anything while hard goals are open."""

@@ -169,18 +169,33 @@ class Place:
         Newton's method with the factor of the step: it costs no new factorisation, and goes on as
         long as each round takes most of what is left.
         """
+        blocks, left = taken.blocks, self._hard(taken.values)
+        excess = self._excess(left)
         for _ in range(ROUNDS):
-            left = self._hard(taken.values)
-            excess = self._excess(left)
             if excess <= 0.1:
                 break
             correction = factor.solve(self.assembly.descent(self.parts, left), rough=True)
-            blocks = self.assembly.moved(taken.blocks, correction)
-            values = self._values(blocks) if np.isfinite(correction).all() else None
-            if values is None or self._excess(self._hard(values)) > WORTH * excess:
+            if not np.isfinite(correction).all():
                 break
-            taken = taken._replace(blocks=blocks, values=values)
-        return taken
+            tried = self.assembly.moved(blocks, correction)
+            # Soft goals and the guard are asked at the end only.
+            before, following = excess, self._hard_at(tried)
+            if not self._excess(following) < before:
+                break
+            blocks, left, excess = tried, following, self._excess(following)
+            if excess > WORTH * before:
+                break
+        values = None if blocks is taken.blocks else self._values(blocks)
+        return taken if values is None else taken._replace(blocks=blocks, values=values)
+
+    def _hard_at(self, blocks: dict[str, Floats]) -> Residuals:
+        """What is left of the hard goals at some blocks, None for the soft ones."""
+        return [
+            goal.beyond(goal.term.evaluate(gathered(goal.term, blocks))[0], ROOM)
+            if goal.hard
+            else None
+            for goal in self.state.goals
+        ]
 
     def _excess(self, residuals: Residuals) -> float:
         """Largest hard residual in units of its tolerance."""

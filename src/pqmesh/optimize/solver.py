@@ -38,7 +38,7 @@ FIRST_PENALTY, LAST_PENALTY = 1e1, 1e8
 # A start whose hard residuals are near zero begins with the first number. It goes back to the
 # ordinary penalty if the first step leaves more than the second, was bent more than the third
 # says, or is longer than allowed by more than the last share.
-NEAR_PENALTY, MISSED, NEARLY, NEAR_SHARE = 1e6, 1e-4, 1e3, 0.4
+NEAR_PENALTY, MISSED, NEARLY, NEAR_SHARE = 1e8, 1e-4, 1e3, 0.4
 # The penalty grows by this factor after a full step; where the hard goals were straight along it
 # (residuals before over their bend), by the second times that, up to the third: near the solution
 # nothing is gained by small steps of the penalty.
@@ -65,6 +65,7 @@ def solve(
     most_steps: int = 60,
     progress: Callable[[int, Step], None] | None = None,
     resting: float = SETTLED,
+    bold: float = NEAR_PENALTY,
     assembly: Assembly | None = None,
     guard: Guard | None = None,
 ) -> Solution:
@@ -83,6 +84,8 @@ def solve(
         Called after each step.
     resting : float
         Largest move of the last step, in mean edges.
+    bold : float
+        First penalty of a start whose hard residuals are near zero.
     assembly : Assembly, optional
         Of a problem with the same stencils, fixed rows and linear terms: the work on the pattern
         is not done again.
@@ -97,7 +100,7 @@ def solve(
     brakes = np.zeros(mesh.topology.n_faces)
     values = evaluated(problem.goals, blocks)
     near = hardest(problem.goals, values) < NEAR
-    penalty, fallback = (NEAR_PENALTY, FIRST_PENALTY) if near else (FIRST_PENALTY, 0.0)
+    penalty, fallback = (bold, FIRST_PENALTY) if near else (FIRST_PENALTY, 0.0)
     state = State(blocks, problem.goals, values, {}, penalty, 1e-9, brakes, near, fallback)
     best = Best(ROUNDINGS * EPSILON * np.abs(mesh.vertices).max() / length)
     best.offer(state.blocks, state.goals, state.values)
@@ -226,7 +229,8 @@ def _updated(
         damping = max(damping * 0.1, 1e-12)
     elif taken.share < 0.25:
         damping = min(max(damping * 10.0, 1e-8), 1.0)
-    step = Step(hard, float(moves.max(initial=0.0)) / length, taken.share, state.penalty)
+    moved = float(moves.max(initial=0.0)) / length
+    step = Step(hard, moved, taken.share, state.penalty, straight >= STRAIGHT)
     return replace(
         state,
         blocks=taken.blocks,

@@ -77,6 +77,8 @@ def flat_edges(mesh: PolyMesh) -> Indices:
 
 def is_skew(mesh: PolyMesh, edges: Indices) -> bool:
     """Whether no axes, as far as the planes leave a choice, lie in a plane with each flat edge."""
+    if not len(edges):
+        return False
     touching = touching_vectors(mesh)
     matrix, gap = edge_equations(mesh, touching, edges)
     if matrix.nnz:
