@@ -21,7 +21,7 @@ from pqmesh.mesh import solids
 from pqmesh.mesh.exact import mirror_plane_mesh, rotational_mesh, stereographic_mesh
 from pqmesh.mesh.measure import circularity_defect, conicality_defect, planarity
 from pqmesh.mesh.quadmesh import QuadMesh
-from pqmesh.optimize.problem import Goal, Problem, Refreshing, Term, gathered
+from pqmesh.optimize.problem import ByItself, Goal, Problem, Refreshing, Term, gathered
 from pqmesh.optimize.recipes import problem_for
 from pqmesh.optimize.solver import solve
 from pqmesh.optimize.terms import TERMS, Cone, PlanarPolyline
@@ -196,6 +196,8 @@ def test_term_has_stencils_of_valid_rows_and_matching_shapes(name, key):
     # Input is not touched, and the same input gives the same answer.
     assert (rows == before).all()
     assert (term.evaluate(rows)[0] == value).all()
+    if isinstance(term, ByItself):
+        assert np.abs(term.residual(rows) - value).max(initial=0.0) < 1e-14
 
 
 def test_every_term_acts_on_some_mesh():

@@ -10,7 +10,7 @@ import numpy as np
 from pqmesh.linear import Factor
 from pqmesh.optimize.assembly import Assembly, Part, Residuals
 from pqmesh.optimize.guard import Guard
-from pqmesh.optimize.problem import Goal, gathered
+from pqmesh.optimize.problem import ByItself, Goal, Term, gathered
 from pqmesh.vectors import TINY, Floats, Mask, norm
 
 # Hard residuals below this are near zero: bends along a step are measured against it at least.
@@ -20,6 +20,8 @@ NEAR = 0.02
 STRAIGHT, EXACT, CORRECTIONS = 1e4, 1e-4, 5
 # Rounds of Newton's method with an old factor, each of which has to leave less than such a share.
 ROUNDS, WORTH = 8, 0.3
+# They end at this share of the tolerance; a round more would cost a tenth of a drag.
+ENOUGH = 1.0
 # Inequalities are aimed at this share of their slack, so that what is a rounding beyond is within;
 # at last at the second share, so that neighbours do not push them out again.
 ROOM, FINISH_ROOM = 1.0 - 1e-6, 0.97
@@ -172,7 +174,7 @@ class Place:
         blocks, left = taken.blocks, self._hard(taken.values)
         excess = self._excess(left)
         for _ in range(ROUNDS):
-            if excess <= 0.1:
+            if excess <= ENOUGH:
                 break
             correction = factor.solve(self.assembly.descent(self.parts, left), rough=True)
             if not np.isfinite(correction).all():
@@ -191,7 +193,7 @@ class Place:
     def _hard_at(self, blocks: dict[str, Floats]) -> Residuals:
         """What is left of the hard goals at some blocks, None for the soft ones."""
         return [
-            goal.beyond(goal.term.evaluate(gathered(goal.term, blocks))[0], ROOM)
+            goal.beyond(_residual(goal.term, gathered(goal.term, blocks)), ROOM)
             if goal.hard
             else None
             for goal in self.state.goals
@@ -295,6 +297,11 @@ def _sum(one: Residuals, other: Residuals, share: float = 1.0) -> list[Floats | 
     return [
         None if a is None or b is None else a + share * b for a, b in zip(one, other, strict=True)
     ]
+
+
+def _residual(term: Term, rows: Floats) -> Floats:
+    """Residuals of a term, without the Jacobian where it can be left out."""
+    return term.residual(rows) if isinstance(term, ByItself) else term.evaluate(rows)[0]
 
 
 def hardest(goals: tuple[Goal, ...], values: Values) -> float:

@@ -61,6 +61,15 @@ class Linear(Protocol):
         ...
 
 
+@runtime_checkable
+class ByItself(Protocol):
+    """A term whose residuals cost much less than they do with their Jacobian."""
+
+    def residual(self, rows: Floats) -> Floats:
+        """Residuals (m, r), the same as those of `evaluate`."""
+        ...
+
+
 @dataclass(frozen=True)
 class Goal:
     """A term with its role in a problem.

@@ -43,6 +43,8 @@ NEAR_PENALTY, MISSED, NEARLY, NEAR_SHARE = 1e8, 1e-4, 1e3, 0.4
 # (residuals before over their bend), by the second times that, up to the third: near the solution
 # nothing is gained by small steps of the penalty.
 GROWTH, BENT, MOST_GROWTH = 10.0, 0.1, 1e5
+# Up to this penalty steps that are followed by rounds need no refinement.
+ROUGH = 1e6
 # The soft goals damp the finish where hard goals nearly depend on each other (closed meshes), so
 # there they fade further.
 FINISH_PENALTY = 1e12
@@ -164,7 +166,8 @@ def _advance(
         factor = None  # The one of the last try makes room for the next.
         try:
             factor = assembly.factor(assembly.matrix(here.parts, damping, brakes))
-            direction = factor.solve(slope)
+            # With moderate penalties rounds make up for the digits of a rough step.
+            direction = factor.solve(slope, rough=exactly and state.penalty <= ROUGH)
         except ArithmeticError:
             damping = max(10.0 * damping, 1e-8)
             continue
@@ -173,7 +176,7 @@ def _advance(
             continue
         if state.fallback and here.whole(direction) < NEAR_SHARE:
             return _advance(_fallen_back(state), assembly, guard, length)
-        place, direction, taken = _taken(here, direction, factor, exactly)
+        place, direction, taken = _taken(here, direction, factor, exactly and state.penalty > ROUGH)
         short = taken is None or taken.share < place.whole(direction)
         blocking = place.blocking(direction) if short and tries else None
         if blocking is not None and blocking.any():

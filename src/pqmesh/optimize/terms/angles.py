@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pqmesh.mesh.quadmesh import PolyMesh
-from pqmesh.vectors import TINY, Floats, Indices, cross, dot, norm
+from pqmesh.vectors import TINY, Floats, Indices, angle, cross, dot, norm
 
 _ALTERNATING = np.array([1.0, -1.0, 1.0, -1.0])
 
@@ -48,6 +48,11 @@ class Conicality:
         if without is not None:
             found = found[~np.isin(found[:, 0], without)]
         return cls({"vertices": found})
+
+    def residual(self, rows: Floats) -> Floats:
+        """Residuals (n, 1) alone."""
+        spokes = rows[:, 1:] - rows[:, :1]
+        return np.asarray(angle(spokes, np.roll(spokes, -1, axis=1)) @ _ALTERNATING)[:, None]
 
     def evaluate(self, rows: Floats) -> tuple[Floats, Floats]:
         """Residuals (n, 1) and Jacobian (n, 1, 5, 3)."""

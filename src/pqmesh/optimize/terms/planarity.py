@@ -29,6 +29,13 @@ class Planarity:
         """One element for each quad."""
         return cls({"vertices": corners_of_size(mesh, 4)}, mesh.mean_edge_length)
 
+    def residual(self, rows: Floats) -> Floats:
+        """Residuals (F, 1) alone."""
+        a, b, c, d = np.moveaxis(rows, 1, 0)
+        normal = cross(c - a, d - b)
+        length = norm(normal)
+        return (dot(b - a, normal) / np.where(length > TINY, length, 1.0))[:, None] / self.length
+
     def evaluate(self, rows: Floats) -> tuple[Floats, Floats]:
         """Residuals (F, 1) and Jacobian (F, 1, 4, 3)."""
         a, b, c, d = np.moveaxis(rows, 1, 0)
