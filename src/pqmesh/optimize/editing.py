@@ -147,6 +147,7 @@ class Editing:
             most_steps=MOST_STEPS,
             resting=RESTING,
             bold=BOLD,
+            enough=1.0,
             assembly=self._assembly,
             guard=self._guard,
         )

@@ -20,8 +20,8 @@ NEAR = 0.02
 STRAIGHT, EXACT, CORRECTIONS = 1e4, 1e-4, 5
 # Rounds of Newton's method with an old factor, each of which has to leave less than such a share.
 ROUNDS, WORTH = 8, 0.3
-# They end at this share of the tolerance; a round more would cost a tenth of a drag.
-ENOUGH = 1.0
+# They end at this share of the tolerance.
+ENOUGH = 0.1
 # Inequalities are aimed at this share of their slack, so that what is a rounding beyond is within;
 # at last at the second share, so that neighbours do not push them out again.
 ROOM, FINISH_ROOM = 1.0 - 1e-6, 0.97
@@ -45,6 +45,7 @@ class State:
     straight: bool = False
     fallback: float = 0.0
     finishing: bool = False
+    enough: float = ENOUGH
 
 
 class Taken(NamedTuple):
@@ -174,7 +175,7 @@ class Place:
         blocks, left = taken.blocks, self._hard(taken.values)
         excess = self._excess(left)
         for _ in range(ROUNDS):
-            if excess <= ENOUGH:
+            if excess <= self.state.enough:
                 break
             correction = factor.solve(self.assembly.descent(self.parts, left), rough=True)
             if not np.isfinite(correction).all():

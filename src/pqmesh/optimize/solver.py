@@ -28,17 +28,29 @@ from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.optimize.assembly import Assembly
 from pqmesh.optimize.ending import OUT_OF_MEMORY, SETTLED, Best, Solution, Step, why_stuck
 from pqmesh.optimize.guard import Guard
-from pqmesh.optimize.place import NEAR, ROOM, STRAIGHT, Place, State, Taken, evaluated, hardest
+from pqmesh.optimize.place import (
+    ENOUGH,
+    NEAR,
+    ROOM,
+    STRAIGHT,
+    Place,
+    State,
+    Taken,
+    evaluated,
+    hardest,
+)
 from pqmesh.optimize.problem import Problem, Refreshing, gathered
 from pqmesh.vectors import Floats, norm
 
 __all__ = ["Solution", "Step", "solve"]
 
 FIRST_PENALTY, LAST_PENALTY = 1e1, 1e8
-# A start whose hard residuals are near zero begins with the first number. It goes back to the
-# ordinary penalty if the first step leaves more than the second, was bent more than the third
-# says, or is longer than allowed by more than the last share.
-NEAR_PENALTY, MISSED, NEARLY, NEAR_SHARE = 1e8, 1e-4, 1e3, 0.4
+# A start whose hard residuals are near zero begins with a bold penalty: the number of faces squared
+# times the second number, for the smoothest modes of a mesh bend hard goals the less the finer it
+# is; between the first and the third. It goes back to the ordinary one if the first step leaves
+# more than MISSED, was bent more than NEARLY says, or is much longer than allowed.
+LEAST_BOLD, BOLD, MOST_BOLD = 1e8, 10.0, 1e12
+MISSED, NEARLY, NEAR_SHARE = 1e-4, 1e3, 0.4
 # The penalty grows by this factor after a full step; where the hard goals were straight along it
 # (residuals before over their bend), by the second times that, up to the third: near the solution
 # nothing is gained by small steps of the penalty.
@@ -67,7 +79,8 @@ def solve(
     most_steps: int = 60,
     progress: Callable[[int, Step], None] | None = None,
     resting: float = SETTLED,
-    bold: float = NEAR_PENALTY,
+    bold: float | None = None,
+    enough: float = ENOUGH,
     assembly: Assembly | None = None,
     guard: Guard | None = None,
 ) -> Solution:
@@ -86,8 +99,10 @@ def solve(
         Called after each step.
     resting : float
         Largest move of the last step, in mean edges.
-    bold : float
-        First penalty of a start whose hard residuals are near zero.
+    bold : float, optional
+        First penalty of a start whose hard residuals are near zero; by the number of faces.
+    enough : float
+        Share of their tolerance that hard residuals are brought to with the factor at hand.
     assembly : Assembly, optional
         Of a problem with the same stencils, fixed rows and linear terms: the work on the pattern
         is not done again.
@@ -102,8 +117,11 @@ def solve(
     brakes = np.zeros(mesh.topology.n_faces)
     values = evaluated(problem.goals, blocks)
     near = hardest(problem.goals, values) < NEAR
+    if bold is None:
+        bold = min(max(BOLD * mesh.topology.n_faces**2, LEAST_BOLD), MOST_BOLD)
     penalty, fallback = (bold, FIRST_PENALTY) if near else (FIRST_PENALTY, 0.0)
     state = State(blocks, problem.goals, values, {}, penalty, 1e-9, brakes, near, fallback)
+    state = replace(state, enough=enough)
     best = Best(ROUNDINGS * EPSILON * np.abs(mesh.vertices).max() / length)
     best.offer(state.blocks, state.goals, state.values)
     steps: list[Step] = []
@@ -224,7 +242,7 @@ def _updated(
     if state.fallback and straight < NEARLY and hard > MISSED:
         penalty, multipliers, fallback = state.fallback, {}, 0.0
     elif taken.share == 1.0:
-        highest = FINISH_PENALTY if state.finishing else LAST_PENALTY
+        highest = FINISH_PENALTY if state.finishing else max(LAST_PENALTY, penalty)
         growth = min(BENT * straight, MOST_GROWTH) if straight >= STRAIGHT else GROWTH
         if growth > GROWTH and not state.finishing:
             fallback = min(penalty * GROWTH, LAST_PENALTY)
