@@ -23,6 +23,8 @@ from pqmesh.vectors import Floats, Indices
 ANALYSIS = 100
 # Bytes for the stacks and heaps of its threads, which it starts with the first analysis.
 THREADS = 1 << 27
+# Below so many unknowns threads wait for each other longer than they work.
+FEW = 6000
 # So many bytes are there: to ask would take longer than to factorise.
 SMALL = 1 << 24
 
@@ -257,7 +259,8 @@ class _Rslab:
 
         if self._symbolic is None:
             check_room(ANALYSIS * matrix.lower.nnz + THREADS)
-            self._symbolic = rslab.analyze(matrix.lower, path="ldlt")
+            threads = 1 if matrix.lower.shape[0] < FEW else None
+            self._symbolic = rslab.analyze(matrix.lower, path="ldlt", threads=threads)
             self._needed = self._symbolic.memory_plan()["peak_bytes"]
         check_room(self._needed)
         try:
