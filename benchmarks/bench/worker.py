@@ -11,7 +11,7 @@ from pathlib import Path
 from bench.measurement import UNFINISHED, Measurement, written
 
 # A mesh that every method is run on once before it is timed.
-WARM_UP = "ellipsoid-9"
+WARM_UP = "ellipsoid-21"
 
 
 def main(

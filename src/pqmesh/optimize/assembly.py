@@ -184,16 +184,23 @@ class _Elements:
 
     def _products(self, jacobian: Floats, scale: float) -> Floats:
         """Blocks J_a' J_b (m * pairs, 9) of each element."""
-        turned = np.take_along_axis(jacobian, self._turn[:, None, :, None], axis=2)
-        total = np.zeros((len(turned), len(self._first), 3, 3))
-        for residual in range(turned.shape[1]):
-            one = turned[:, residual]
-            # Three times as fast as the product of broadcast arrays.
-            total += np.einsum("mpi,mpj->mpij", (scale * one)[:, self._first], one[:, self._second])
+        if len(jacobian) and jacobian.strides[0] == 0:
+            # The same for every element: worked out once.
+            same = scale * np.einsum("rai,rbj->abij", jacobian[0], jacobian[0])
+            total = same[self._turn[:, self._first], self._turn[:, self._second]]
+        else:
+            turned = np.take_along_axis(jacobian, self._turn[:, None, :, None], axis=2)
+            total = np.zeros((len(turned), len(self._first), 3, 3))
+            for residual in range(turned.shape[1]):
+                one = turned[:, residual]
+                # Three times as fast as the product of broadcast arrays.
+                total += np.einsum(
+                    "mpi,mpj->mpij", (scale * one)[:, self._first], one[:, self._second]
+                )
         flat = total.reshape(-1, 3, 3)
         if len(self._twice):
             flat[self._twice] += flat[self._twice].transpose(0, 2, 1)
-        return flat.reshape(-1, 9)
+        return np.asarray(flat.reshape(-1, 9))
 
     def add_stiffness(self, values: Floats, stiffness: Floats) -> None:
         """Resist the deformation of each element: its rows relative to their mean."""

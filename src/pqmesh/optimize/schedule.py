@@ -9,6 +9,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from pqmesh.mesh.conjugacy import conjugacy
+from pqmesh.mesh.measure import planarity
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.optimize.conflicts import Hopeless, answered, hopeless, without
 from pqmesh.optimize.constraints import Constraints
@@ -27,6 +28,8 @@ from pqmesh.vectors import Indices, far_origin, norm
 LOOSER = (Weights(closeness=10.0, fairness=0.1, anchor=0.01), LOOSE)
 # Vertices are free to slide where the weight of the anchor is not above this.
 SLIDING = 0.1
+# Meshes with panels as flat as this are solved where they are, whatever their lines.
+NEARLY_FLAT = 1e-4
 # To stay within a distance, closeness is raised by this factor between tries, up to the second;
 # what came by way of coarser meshes starts at the last.
 FACTOR, STRONGEST, WEAKEST = 10.0, 1e7, 1.0
@@ -184,7 +187,11 @@ class _Asked:
     def tried(self) -> tuple[Solution, Weights, PolyMesh]:
         """The first solution that converges, its weights, and the mesh that these hold on to."""
         # Vertices that may slide do so on the mesh itself; held ones would go zigzag there.
-        first_levels = self.weights.anchor > SLIDING and conjugacy(self.start).lines_are_far
+        first_levels = (
+            self.weights.anchor > SLIDING
+            and float(planarity(self.start).max()) > NEARLY_FLAT
+            and conjugacy(self.start).lines_are_far
+        )
         best = self.by_levels() if first_levels else None
         if best is not None and best.converged:
             # The design is where the levels led; from there it may be pulled closer.
