@@ -396,7 +396,6 @@ ALONE = (
     "cone",
     "circularity",
     "closeness",
-    "gliding",
     "held_edges",
     "fairness",
     "anchor",
@@ -412,8 +411,6 @@ def _term(name: str, mesh: QuadMesh, surface_mesh: QuadMesh):
                 surface_mesh.vertices, surface_mesh.topology.face_lists()
             ),
         )
-    if name == "gliding":
-        return TERMS[name](mesh, np.flatnonzero(mesh.topology.is_boundary_vertex))
     if name in ("anchor", "fairness", "held_edges"):
         return TERMS[name](surface_mesh)
     return TERMS[name](mesh)
