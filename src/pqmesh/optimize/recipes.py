@@ -148,8 +148,8 @@ def hard_goals(
     if "conical" in kind:
         edges = NONE if flat_edges is None else flat_edges
         ends = np.unique(mesh.edges[edges])
-        conical = Conicality.on(mesh, ends)
-        goals.append(Goal("conicality", conical, hard=True, tolerance=1e-11))
+        # Two planes touch a cone whatever their angles: the balance is asked for beside it.
+        goals.append(Goal("conicality", Conicality.on(mesh), hard=True, tolerance=1e-11))
         axes = Cone.start_axes(mesh, ends)
         if len(axes):
             blocks["axes"] = axes

@@ -37,17 +37,14 @@ class Conicality:
     stencils: Mapping[str, Indices]
 
     @classmethod
-    def on(cls, mesh: PolyMesh, without: Indices | None = None) -> Conicality:
-        """One element for each interior vertex of valence 4 but some: it and its neighbours."""
+    def on(cls, mesh: PolyMesh) -> Conicality:
+        """One element for each interior vertex of valence 4: the vertex and its neighbours."""
         rows = [
             np.column_stack([star.vertices, star.neighbors])
             for star in mesh.topology.stars()
             if star.neighbors.shape[1] == 4
         ]
-        found = np.concatenate(rows) if rows else np.empty((0, 5), np.int64)
-        if without is not None:
-            found = found[~np.isin(found[:, 0], without)]
-        return cls({"vertices": found})
+        return cls({"vertices": np.concatenate(rows) if rows else np.empty((0, 5), np.int64)})
 
     def residual(self, rows: Floats) -> Floats:
         """Residuals (n, 1) alone."""
