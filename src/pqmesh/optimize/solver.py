@@ -120,8 +120,9 @@ def solve(
     if bold is None:
         bold = min(max(BOLD * mesh.topology.n_faces**2, LEAST_BOLD), MOST_BOLD)
     penalty, fallback = (bold, FIRST_PENALTY) if near else (FIRST_PENALTY, 0.0)
-    state = State(blocks, problem.goals, values, {}, penalty, 1e-9, brakes, near, fallback)
-    state = replace(state, enough=enough)
+    state = State(
+        blocks, problem.goals, values, {}, penalty, 1e-9, brakes, near, fallback, enough=enough
+    )
     best = Best(ROUNDINGS * EPSILON * np.abs(mesh.vertices).max() / length)
     best.offer(state.blocks, state.goals, state.values)
     steps: list[Step] = []

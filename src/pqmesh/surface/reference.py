@@ -189,7 +189,7 @@ def _corner_normals(corners: Floats, names: Indices, owners: Indices, count: int
         known = names[:, corner] >= 0
         np.add.at(at_vertex, names[known, corner], areas[known])
     smooth = np.where((names >= 0)[..., None], at_vertex[names], of_face[owners][:, None])
-    smooth, own = unit(smooth), _flat_normals(corners)[:, None]
+    smooth, own = unit(smooth), unit(areas)[:, None]
     crease = np.einsum("tki,tki->tk", smooth, np.broadcast_to(own, smooth.shape)) < CREASE
     return np.asarray(np.where(crease[..., None], own, smooth))
 
