@@ -131,10 +131,13 @@ def edge_equations(mesh: PolyMesh, touching: Touching, edges: Indices) -> tuple[
 
 def _unforced_edges(mesh: PolyMesh) -> Indices:
     """Edges that planes do not force to stay parallel: boundary edges and flat ones."""
-    topology = mesh.topology
-    left, right = topology.edge_faces.T
-    sine = norm(cross(mesh.face_normals[left], mesh.face_normals[right]))
-    return np.flatnonzero(topology.is_boundary_edge | (sine < FLAT_EDGE))
+    return np.flatnonzero(mesh.topology.is_boundary_edge | (fold_sines(mesh) < FLAT_EDGE))
+
+
+def fold_sines(mesh: PolyMesh) -> Floats:
+    """Sine of the angle between the normals on both sides of each edge, (E,)."""
+    left, right = mesh.topology.edge_faces.T
+    return norm(cross(mesh.face_normals[left], mesh.face_normals[right]))
 
 
 def least_squares(matrix: coo_array, target: Floats) -> Floats:

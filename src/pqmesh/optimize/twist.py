@@ -14,9 +14,9 @@ from dataclasses import replace
 import numpy as np
 
 from pqmesh.mesh.quadmesh import PolyMesh
-from pqmesh.mesh.slides import edge_equations, least_squares, touching_vectors
+from pqmesh.mesh.slides import edge_equations, fold_sines, least_squares, touching_vectors
 from pqmesh.optimize.ending import SETTLED, Solution
-from pqmesh.vectors import Indices, cross, norm
+from pqmesh.vectors import Indices
 
 # A ridge of flat edges may become so many edges long.
 LONGEST_RIDGE = 60
@@ -68,11 +68,8 @@ def flat_edges(mesh: PolyMesh) -> Indices:
     >>> flat_edges(cube())
     array([], dtype=int64)
     """
-    topology = mesh.topology
-    left, right = topology.edge_faces.T
-    sine = norm(cross(mesh.face_normals[left], mesh.face_normals[right]))
-    inner = ~topology.is_boundary_vertex[mesh.edges].any(axis=1)
-    return np.flatnonzero(inner & (sine < FLAT))
+    inner = ~mesh.topology.is_boundary_vertex[mesh.edges].any(axis=1)
+    return np.flatnonzero(inner & (fold_sines(mesh) < FLAT))
 
 
 def is_skew(mesh: PolyMesh, edges: Indices) -> bool:
