@@ -120,8 +120,8 @@ class BlockPattern:
         self._order, self._rows, self._indptr = _scalar_columns(row, column, size)
         self._backend = _backend()
 
-    def factor(self, blocks: Floats) -> Factor:
-        """Factor of the matrix with these stored blocks (count, 3, 3).
+    def factor(self, entries: Floats) -> Factor:
+        """Factor of the matrix with these entries (3, 3, count) of its stored blocks.
 
         Raises
         ------
@@ -130,7 +130,7 @@ class BlockPattern:
         MemoryError
             When it does not fit.
         """
-        data = blocks.reshape(-1)[self._order]
+        data = entries.reshape(-1)[self._order]
         shape = (3 * self.size, 3 * self.size)
         return self._backend.factor(_Lower(csc_matrix((data, self._rows, self._indptr), shape)))
 
@@ -155,7 +155,7 @@ def _scalar_columns(row: Indices, column: Indices, size: int) -> tuple[Indices, 
     at = indptr[3 * column[block] + c] + 3 * rank[block] + r - c
     order = np.empty(len(at), dtype=np.int64)
     rows = np.empty(len(at), dtype=np.int32)
-    order[at] = 9 * block + 3 * r + c
+    order[at] = (3 * r + c) * count + block
     rows[at] = 3 * row[block] + r
     small = indptr[-1] < np.iinfo(np.int32).max
     return order, rows, indptr.astype(np.int32 if small else np.int64)

@@ -12,7 +12,7 @@ from pqmesh.mesh.measure import conicality_defect, nonconvex_faces, planarity
 from pqmesh.optimize.assembly import Assembly
 from pqmesh.optimize.editing import Editing
 from pqmesh.optimize.guard import Guard
-from pqmesh.optimize.place import NEAR, Place, State, evaluated
+from pqmesh.optimize.place import NEAR, Place, State, left_by
 from pqmesh.optimize.problem import Goal, Problem, gathered
 from pqmesh.optimize.recipes import problem_for
 from pqmesh.optimize.schedule import optimized
@@ -61,7 +61,7 @@ def factors(monkeypatch):
     plain = Assembly.factor
 
     def counted(self, values):
-        calls.append(len(values))
+        calls.append(values.shape)
         return plain(self, values)
 
     monkeypatch.setattr(Assembly, "factor", counted)
@@ -220,9 +220,9 @@ def place_of(kind, mesh, penalty):
     """A place of the iteration, its assembly and a factor there."""
     problem = problem_for(kind, mesh, triangles(mesh))
     blocks = {name: np.array(block) for name, block in problem.blocks.items()}
-    values = evaluated(problem.goals, blocks)
+    residuals = left_by(problem.goals, blocks)
     brakes = np.zeros(mesh.topology.n_faces)
-    state = State(blocks, problem.goals, values, {}, penalty, 1e-9, brakes)
+    state = State(blocks, problem.goals, residuals, {}, penalty, 1e-9, brakes)
     assembly = Assembly(problem, mesh)
     place = Place.of(state, assembly, Guard.of(mesh), mesh.mean_edge_length)
     matrix = assembly.matrix(place.parts, 1e-9, brakes)
@@ -242,10 +242,8 @@ def test_sharpened_step_is_that_of_its_multipliers_and_meets_the_goals(kind, pen
             np.abs(residual + change).max(initial=0.0)
             for goal, residual, change in zip(
                 place.state.goals,
-                [value for value, _ in place.state.values],
-                assembly.changes(
-                    place.parts, direction, [value for value, _ in place.state.values]
-                ),
+                place.state.residuals,
+                assembly.changes(place.parts, direction, place.state.residuals),
                 strict=True,
             )
             if goal.hard
@@ -270,9 +268,7 @@ def test_old_factor_brings_a_disturbed_mesh_back_without_another(kind, factors):
     taken = place.line_search(0.0 * place.slope(), factor)
     back = place.brought_back(taken, factor)
     assert len(factors) == 1
-    for goal, (before, _), (after, _) in zip(
-        place.state.goals, taken.values, back.values, strict=True
-    ):
+    for goal, before, after in zip(place.state.goals, taken.residuals, back.residuals, strict=True):
         if goal.hard:
             assert np.abs(before).max() > 1e-5
             assert np.abs(after).max() <= goal.tolerance

@@ -90,32 +90,31 @@ class Assembly:
         }
 
     def matrix(self, parts: list[Part], damping: float, brakes: Floats) -> Floats:
-        """Blocks (n, 3, 3) of the matrix of the normal equations.
+        """Entries (3, 3, n) of the blocks of the matrix of the normal equations.
 
         `damping` is a share of the mean diagonal of each row; `brakes` (F,) resist the deformation
         of single faces, 1 being as stiff as a hard goal of weight 1.
         """
-        values = np.zeros((self.pattern.count, 9))
+        values = np.zeros((3, 3, self.pattern.count))
         for index, (part, elements) in enumerate(zip(parts, self._elements, strict=True)):
             if index in self._constant:
-                slots, blocks = self._constant[index]
-                values[slots] += part.scale * blocks
+                for (i, j), slots, entries in self._constant[index]:
+                    values[i, j, slots] += part.scale * entries
             else:
                 elements.add_squares(values, part.jacobian, part.scale)
         for elements, rows in zip(self._brakes, self._braked, strict=True):
             if brakes[rows].any():
                 elements.add_stiffness(values, self._stiffness * brakes[rows])
         # The mean of the three axes of a row: what is turned is damped alike.
-        mean = values[self.pattern.diagonal][:, [0, 4, 8]].mean(axis=1)
+        mean = sum(values[axis, axis, self.pattern.diagonal] for axis in range(3)) / 3.0
         amount = damping * np.maximum(mean, 1e-12 * mean.max(initial=0.0))
         self.add_diagonal(values, np.repeat(amount[:, None], 3, axis=1))
-        return values.reshape(-1, 3, 3)
+        return values
 
     def add_diagonal(self, values: Floats, amounts: Floats) -> None:
         """Add amounts (n, 3) to the diagonal of a matrix."""
-        flat = values.reshape(-1, 9)
         for axis in range(3):
-            flat[self.pattern.diagonal, 4 * axis] += amounts[:, axis]
+            values[axis, axis, self.pattern.diagonal] += amounts[:, axis]
 
     def factor(self, values: Floats) -> Factor:
         """Factor of a matrix; raises ArithmeticError where it is singular."""
@@ -155,15 +154,15 @@ class _Elements:
         self.rows, (m, k) = rows, rows.shape
         # From the last row to the first, so that every pair lies below the diagonal.
         self._turn = np.argsort(-rows, axis=1, kind="stable")
-        falling = np.take_along_axis(rows, self._turn, axis=1)
+        falling = np.take_along_axis(rows, self._turn, axis=1).T
         self._first, self._second = np.triu_indices(k)
-        pair_rows, pair_columns = falling[:, self._first], falling[:, self._second]
-        self._kept = np.flatnonzero(pair_columns.ravel() >= 0)
-        self.pair_rows = pair_rows.ravel()[self._kept]
-        self.pair_columns = pair_columns.ravel()[self._kept]
-        twice = (pair_rows == pair_columns) & (self._first != self._second) & (pair_columns >= 0)
+        # Pair after pair, each of all elements: the products run along the elements.
+        pair_rows, pair_columns = falling[self._first].ravel(), falling[self._second].ravel()
+        self._kept = np.flatnonzero(pair_columns >= 0)
+        self.pair_rows, self.pair_columns = pair_rows[self._kept], pair_columns[self._kept]
         # A row that an element reads twice meets itself in both orders.
-        self._twice = np.flatnonzero(twice.ravel())
+        two = np.repeat(self._first != self._second, m)
+        self._twice = np.flatnonzero(two & (pair_rows == pair_columns) & (pair_columns >= 0))
         kept = np.flatnonzero(rows.ravel() >= 0)
         self._slopes = _summing(rows.ravel()[kept], kept, (n_rows, m * k))
 
@@ -173,42 +172,49 @@ class _Elements:
         self._squares = _summing(place, self._kept, shape)
 
     def add_squares(self, values: Floats, jacobian: Floats, scale: float) -> None:
-        """Add scale J'J to blocks (n, 9)."""
+        """Add scale J'J to entries (3, 3, n) of blocks."""
         if len(self.rows):
-            values += self._squares @ self._products(jacobian, scale)
+            products = self._products(jacobian, scale)
+            for i, j in np.ndindex(3, 3):
+                values[i, j] += self._squares @ products[i, j]
 
-    def constant(self, jacobian: Floats) -> tuple[Indices, Floats]:
-        """Blocks that J'J meets, and what it adds to each."""
-        slots = np.flatnonzero(np.diff(self._squares.indptr))
-        return slots, self._squares[slots] @ self._products(jacobian, 1.0)
+    def constant(self, jacobian: Floats) -> list[tuple[tuple[int, int], Indices, Floats]]:
+        """Places of entries that J'J meets, and what it adds there, by rows and columns of blocks."""
+        products, constant = self._products(jacobian, 1.0), []
+        for i, j in np.ndindex(3, 3):
+            if products[i, j].any():
+                added = self._squares @ products[i, j]
+                slots = np.flatnonzero(added)
+                constant.append(((i, j), slots, added[slots]))
+        return constant
 
     def _products(self, jacobian: Floats, scale: float) -> Floats:
-        """Blocks J_a' J_b (m * pairs, 9) of each element."""
+        """Entries (3, 3, pairs * m) of the blocks J_a' J_b of each element."""
+        first, second, m = self._first, self._second, len(self.rows)
+        total = np.zeros((3, 3, len(first), m))
         if len(jacobian) and jacobian.strides[0] == 0:
             # The same for every element: worked out once.
-            same = scale * np.einsum("rai,rbj->abij", jacobian[0], jacobian[0])
-            total = same[self._turn[:, self._first], self._turn[:, self._second]]
+            same = scale * np.einsum("rai,rbj->ijab", jacobian[0], jacobian[0])
+            total += same[:, :, self._turn[:, first], self._turn[:, second]].swapaxes(2, 3)
         else:
-            turned = np.take_along_axis(jacobian, self._turn[:, None, :, None], axis=2)
-            total = np.zeros((len(turned), len(self._first), 3, 3))
-            for residual in range(turned.shape[1]):
-                one = turned[:, residual]
-                # Three times as fast as the product of broadcast arrays.
-                total += np.einsum(
-                    "mpi,mpj->mpij", (scale * one)[:, self._first], one[:, self._second]
-                )
-        flat = total.reshape(-1, 3, 3)
+            for residual in range(jacobian.shape[1]):
+                turned = np.take_along_axis(jacobian[:, residual], self._turn[:, :, None], axis=1)
+                turned = np.ascontiguousarray(turned.transpose(2, 1, 0))
+                right = turned[:, second]
+                for i, left in enumerate(scale * turned):
+                    total[i] += left[first] * right
+        flat = total.reshape(3, 3, -1)
         if len(self._twice):
-            flat[self._twice] += flat[self._twice].transpose(0, 2, 1)
-        return np.asarray(flat.reshape(-1, 9))
+            flat[:, :, self._twice] += flat[:, :, self._twice].swapaxes(0, 1)
+        return flat
 
     def add_stiffness(self, values: Floats, stiffness: Floats) -> None:
         """Resist the deformation of each element: its rows relative to their mean."""
         k = self.rows.shape[1]
         share = np.where(self._first == self._second, 1.0, 0.0) - 1.0 / k
-        sums = self._squares @ (stiffness[:, None] * share).ravel()
+        sums = self._squares @ (share[:, None] * stiffness).ravel()
         for axis in range(3):
-            values[:, 4 * axis] += sums
+            values[axis, axis] += sums
 
     def subtract_slope(self, rhs: Floats, jacobian: Floats, residual: Floats) -> None:
         """Subtract J'r from rows (n, 3)."""

@@ -11,7 +11,7 @@ from pqmesh.errors import SpecError
 from pqmesh.mesh.measure import planarity_deviation
 from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.optimize.ending import Solution
-from pqmesh.optimize.problem import Goal, Problem, Term, gathered
+from pqmesh.optimize.problem import Goal, Problem, Term, residual
 from pqmesh.optimize.terms import (
     Circularity,
     Conicality,
@@ -75,7 +75,7 @@ def hopeless(problem: Problem, mesh: PolyMesh) -> list[Hopeless]:
         for block, rows in goal.term.stencils.items():
             fixed = problem.fixed.get(block)
             held &= False if fixed is None else fixed[rows].all(axis=1)
-        value = goal.term.evaluate(gathered(goal.term, problem.blocks))[0]
+        value = residual(goal.term, problem.blocks)
         beyond = norm(goal.beyond(value))
         bad = np.flatnonzero(held & (beyond > max(goal.tolerance, rounding)))
         if len(bad):

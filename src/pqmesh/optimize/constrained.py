@@ -14,7 +14,7 @@ from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.optimize import constraints as asked
 from pqmesh.optimize.conflicts import check_consistent
 from pqmesh.optimize.ending import Solution
-from pqmesh.optimize.problem import Goal, Problem, Refreshing, Term, gathered
+from pqmesh.optimize.problem import Goal, Problem, Refreshing, Term, residual
 from pqmesh.optimize.selection import boundary_corners, chosen_polylines, selected
 from pqmesh.optimize.symmetric import partners, reflection, rotation
 from pqmesh.optimize.terms import (
@@ -148,8 +148,8 @@ def constraint_miss(
             term = goal.term
             if isinstance(term, Refreshing):
                 term = term.refreshed(solution.blocks)
-            residual = goal.beyond(term.evaluate(gathered(term, solution.blocks))[0])
-            each = np.abs(residual).max(axis=1, initial=0.0)
+            beyond = goal.beyond(residual(term, solution.blocks))
+            each = np.abs(beyond).max(axis=1, initial=0.0)
             if each.max(initial=0.0) > worst.value:
                 element = int(each.argmax())
                 vertex = int(term.stencils["vertices"][element, 0])

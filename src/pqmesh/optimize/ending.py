@@ -67,11 +67,11 @@ class Best:
         self,
         blocks: dict[str, Floats],
         goals: tuple[Goal, ...],
-        values: tuple[tuple[Floats, Floats], ...],
+        values: tuple[Floats, ...],
     ) -> None:
-        """Take the unknowns if they are better, or as good and later."""
+        """Take the unknowns with their residuals if they are better, or as good and later."""
         residuals, excess = {}, 0.0
-        for goal, (value, _) in zip(goals, values, strict=True):
+        for goal, value in zip(goals, values, strict=True):
             if goal.hard:
                 residuals[goal.name] = float(np.abs(value).max(initial=0.0))
                 reachable = max(goal.tolerance, self.rounding)

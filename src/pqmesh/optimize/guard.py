@@ -148,7 +148,8 @@ def _area_vectors(corners: Floats) -> Floats:
 def _corner_sines(corners: Floats, area: Floats) -> Floats:
     """Sines of the corner angles (n, k), negative where a corner is reflex or folded."""
     outgoing = np.roll(corners, -1, axis=1) - corners
-    incoming = np.roll(corners, 1, axis=1) - corners
+    incoming = np.roll(outgoing, 1, axis=1)
     normal = area / np.maximum(norm(area), TINY)[:, None]
-    scale = np.maximum(norm(outgoing) * norm(incoming), TINY)
-    return np.asarray(dot(cross(outgoing, incoming), normal[:, None]) / scale)
+    lengths = norm(outgoing)
+    scale = np.maximum(lengths * np.roll(lengths, 1, axis=1), TINY)
+    return np.asarray(dot(cross(incoming, outgoing), normal[:, None]) / scale)

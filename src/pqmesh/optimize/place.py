@@ -10,7 +10,7 @@ import numpy as np
 from pqmesh.linear import Factor
 from pqmesh.optimize.assembly import Assembly, Part, Residuals
 from pqmesh.optimize.guard import Guard
-from pqmesh.optimize.problem import ByItself, Goal, Term, gathered
+from pqmesh.optimize.problem import Goal, gathered, residual
 from pqmesh.vectors import TINY, Floats, Mask, norm
 
 # Hard residuals below this are near zero: bends along a step are measured against it at least.
@@ -27,17 +27,15 @@ ENOUGH = 0.1
 ROOM, FINISH_ROOM = 1.0 - 1e-6, 0.97
 # Longest move of a vertex in one step, in mean edges.
 LONGEST_STEP = 0.3
-# Residual and Jacobian of each goal.
-Values = tuple[tuple[Floats, Floats], ...]
 
 
 @dataclass(frozen=True)
 class State:
-    """Where the iteration stands; values are (residual, Jacobian) of each goal there."""
+    """Where the iteration stands; residuals (m, r) are those of each goal there."""
 
     blocks: dict[str, Floats]
     goals: tuple[Goal, ...]
-    values: Values
+    residuals: tuple[Floats, ...]
     multipliers: dict[str, Floats]
     penalty: float
     damping: float
@@ -49,10 +47,10 @@ class State:
 
 
 class Taken(NamedTuple):
-    """A step that may be taken: where it leads, what the goals are there, the share of it."""
+    """A step that may be taken: where it leads, what the goals leave there, the share of it."""
 
     blocks: dict[str, Floats]
-    values: Values
+    residuals: tuple[Floats, ...]
     share: float
     bent: bool = False
 
@@ -71,18 +69,16 @@ class Place:
     @classmethod
     def of(cls, state: State, assembly: Assembly, guard: Guard, length: float) -> Place:
         """Where a state stands; `length` is the mean edge at the start."""
-        residuals = _shifted(state, state.values)
-        parts = [
-            Part(_scale(state, goal, len(residual)), _active(goal, residual, jacobian))
-            for goal, residual, (_, jacobian) in zip(
-                state.goals, residuals, state.values, strict=True
-            )
-        ]
+        residuals = _shifted(state, state.residuals)
+        parts = []
+        for goal, left in zip(state.goals, residuals, strict=True):
+            _, jacobian = goal.term.evaluate(gathered(goal.term, state.blocks))
+            parts.append(Part(_scale(state, goal, len(left)), _active(goal, left, jacobian)))
         return cls(state, assembly, guard, length, parts, _merit(parts, residuals))
 
     def slope(self) -> Floats:
         """Right-hand side of the normal equations."""
-        return self.assembly.descent(self.parts, _shifted(self.state, self.state.values))
+        return self.assembly.descent(self.parts, _shifted(self.state, self.state.residuals))
 
     def line_search(self, direction: Floats, factor: Factor) -> Taken | None:
         """The longest share of the step that keeps faces valid and lowers the merit.
@@ -93,19 +89,19 @@ class Place:
         share, longest = self.whole(direction), self._longest(direction)
         for _ in range(7):
             blocks = self.assembly.moved(self.state.blocks, share * direction)
-            values = self._values(blocks)
-            if values is not None:
+            residuals = self._residuals(blocks)
+            if residuals is not None:
                 # Near the end the merit is flat to rounding: a tiny step is taken as it is.
-                if self._lower(values) or share * longest < 1e-9 * self.length:
-                    return Taken(blocks, values, share)
+                if self._lower(residuals) or share * longest < 1e-9 * self.length:
+                    return Taken(blocks, residuals, share)
                 if share == 1.0:
-                    residuals = _shifted(self.state, values)
-                    bent = factor.solve(self.assembly.descent(self.parts, residuals))
+                    shifted = _shifted(self.state, residuals)
+                    bent = factor.solve(self.assembly.descent(self.parts, shifted))
                     if np.isfinite(bent).all():
                         blocks = self.assembly.moved(blocks, bent)
-                        values = self._values(blocks)
-                        if values is not None and self._lower(values):
-                            return Taken(blocks, values, share, bent=True)
+                        residuals = self._residuals(blocks)
+                        if residuals is not None and self._lower(residuals):
+                            return Taken(blocks, residuals, share, bent=True)
             share *= 0.5
         return None
 
@@ -116,7 +112,7 @@ class Place:
         it away solves a linear system whose matrix, symmetric in the weights of the residuals,
         is applied with the factor at hand: conjugate gradients find it in a few rounds.
         """
-        left = _sum(self._hard(self.state.values), self._changes(direction))
+        left = _sum(self._hard(self.state.residuals), self._changes(direction))
         first = worst = _largest(left)
         total: list[Floats | None] = [None if rest is None else 0.0 * rest for rest in left]
         search, square = left, self._product(left, left)
@@ -144,19 +140,19 @@ class Place:
                 added = self.state.penalty * shift
                 multipliers[goal.name] = multipliers.get(goal.name, 0.0) + added
         state = replace(self.state, multipliers=multipliers)
-        merit = _merit(self.parts, _shifted(state, state.values))
+        merit = _merit(self.parts, _shifted(state, state.residuals))
         return replace(self, state=state, merit=merit), direction
 
-    def _hard(self, values: Values) -> Residuals:
+    def _hard(self, residuals: tuple[Floats, ...]) -> Residuals:
         """What is left of the hard goals, None for the soft ones."""
         return [
-            goal.beyond(residual, ROOM) if goal.hard else None
-            for goal, (residual, _) in zip(self.state.goals, values, strict=True)
+            goal.beyond(own, ROOM) if goal.hard else None
+            for goal, own in zip(self.state.goals, residuals, strict=True)
         ]
 
     def _changes(self, step: Floats) -> Residuals:
         """Linear change of the hard residuals by a step."""
-        return self.assembly.changes(self.parts, step, self._hard(self.state.values))
+        return self.assembly.changes(self.parts, step, self._hard(self.state.residuals))
 
     def _product(self, one: Residuals, other: Residuals) -> float:
         """Inner product in the weights of the residuals."""
@@ -172,7 +168,8 @@ class Place:
         Newton's method with the factor of the step: it costs no new factorisation, and goes on as
         long as each round takes most of what is left.
         """
-        blocks, left = taken.blocks, self._hard(taken.values)
+        blocks, residuals = taken.blocks, taken.residuals
+        left = self._hard(residuals)
         excess = self._excess(left)
         for _ in range(ROUNDS):
             if excess <= self.state.enough:
@@ -182,31 +179,26 @@ class Place:
                 break
             tried = self.assembly.moved(blocks, correction)
             # Soft goals and the guard are asked at the end only.
-            before, following = excess, self._hard_at(tried)
-            if not self._excess(following) < before:
+            found = _renewed(self.state.goals, residuals, tried, hard=True)
+            following = self._hard(found)
+            before, beyond = excess, self._excess(following)
+            if not beyond < before:
                 break
-            blocks, left, excess = tried, following, self._excess(following)
+            blocks, residuals, left, excess = tried, found, following, beyond
             if excess > WORTH * before:
                 break
-        values = None if blocks is taken.blocks else self._values(blocks)
-        return taken if values is None else taken._replace(blocks=blocks, values=values)
-
-    def _hard_at(self, blocks: dict[str, Floats]) -> Residuals:
-        """What is left of the hard goals at some blocks, None for the soft ones."""
-        return [
-            goal.beyond(_residual(goal.term, gathered(goal.term, blocks)), ROOM)
-            if goal.hard
-            else None
-            for goal in self.state.goals
-        ]
+        if blocks is taken.blocks or self._breaks(blocks):
+            return taken
+        residuals = _renewed(self.state.goals, residuals, blocks, hard=False)
+        return taken._replace(blocks=blocks, residuals=residuals)
 
     def _excess(self, residuals: Residuals) -> float:
         """Largest hard residual in units of its tolerance."""
         return max(
             (
-                float(np.abs(residual).max(initial=0.0)) / goal.tolerance
-                for goal, residual in zip(self.state.goals, residuals, strict=True)
-                if residual is not None
+                float(np.abs(left).max(initial=0.0)) / goal.tolerance
+                for goal, left in zip(self.state.goals, residuals, strict=True)
+                if left is not None
             ),
             default=0.0,
         )
@@ -221,7 +213,7 @@ class Place:
             # A step cut to the longest allowed says nothing, and what is known stays.
             cut = taken.share >= self.whole(direction) and self.state.straight
             return STRAIGHT if cut else 0.0
-        old, new = self._hard(self.state.values), self._hard(taken.values)
+        old, new = self._hard(self.state.residuals), self._hard(taken.residuals)
         bend = _largest(_sum(_sum(new, old, -1.0), self._changes(direction), -1.0))
         return max(_largest(old), NEAR) / max(bend, TINY)
 
@@ -242,17 +234,19 @@ class Place:
         )
         return float(norm(moves["vertices"]).max(initial=0.0))
 
-    def _values(self, blocks: dict[str, Floats]) -> Values | None:
-        """Residuals and Jacobians, None where a face or an edge is broken."""
-        faces, edges = self.guard.broken(blocks["vertices"])
-        if faces.any() or edges.any():
-            return None
-        return evaluated(self.state.goals, blocks)
+    def _residuals(self, blocks: dict[str, Floats]) -> tuple[Floats, ...] | None:
+        """Residuals of every goal, None where a face or an edge is broken."""
+        return None if self._breaks(blocks) else left_by(self.state.goals, blocks)
 
-    def _lower(self, values: Values) -> bool:
+    def _breaks(self, blocks: dict[str, Floats]) -> bool:
+        """Whether a face or an edge is broken."""
+        faces, edges = self.guard.broken(blocks["vertices"])
+        return bool(faces.any() or edges.any())
+
+    def _lower(self, residuals: tuple[Floats, ...]) -> bool:
         """Whether the merit falls, rounding allowed for."""
         slack = 1e-12 * abs(self.merit) + 1e-300
-        return _merit(self.parts, _shifted(self.state, values)) <= self.merit + slack
+        return _merit(self.parts, _shifted(self.state, residuals)) <= self.merit + slack
 
 
 def _scale(state: State, goal: Goal, count: int) -> float:
@@ -260,31 +254,31 @@ def _scale(state: State, goal: Goal, count: int) -> float:
     return goal.weight / max(count, 1) / (1.0 if goal.hard else state.penalty)
 
 
-def _shifted(state: State, values: Values) -> list[Floats]:
+def _shifted(state: State, residuals: tuple[Floats, ...]) -> list[Floats]:
     """Residuals, the hard ones shifted by their multipliers; soft ones count no more at last."""
     result = []
-    for goal, (residual, _) in zip(state.goals, values, strict=True):
-        shifted = residual
+    for goal, own in zip(state.goals, residuals, strict=True):
+        shifted = own
         if goal.hard:
             shift = state.multipliers.get(goal.name, 0.0) / state.penalty
-            shifted = goal.beyond(residual + shift, FINISH_ROOM if state.finishing else ROOM)
+            shifted = goal.beyond(own + shift, FINISH_ROOM if state.finishing else ROOM)
         elif state.finishing:
-            shifted = np.zeros_like(residual)
+            shifted = np.zeros_like(own)
         result.append(shifted)
     return result
 
 
-def _active(goal: Goal, residual: Floats, jacobian: Floats) -> Floats:
+def _active(goal: Goal, left: Floats, jacobian: Floats) -> Floats:
     """Jacobian without the rows of inequalities that hold with room to spare."""
     if goal.slack == 0.0:
         return jacobian
-    return np.asarray(np.where((residual != 0.0)[:, :, None, None], jacobian, 0.0))
+    return np.asarray(np.where((left != 0.0)[:, :, None, None], jacobian, 0.0))
 
 
 def _merit(parts: list[Part], residuals: list[Floats]) -> float:
     """Augmented Lagrangian over the penalty."""
     pairs = zip(parts, residuals, strict=True)
-    return sum(0.5 * part.scale * float(np.sum(residual**2)) for part, residual in pairs)
+    return sum(0.5 * part.scale * float(np.vdot(own, own)) for part, own in pairs)
 
 
 def _largest(residuals: Residuals) -> float:
@@ -300,23 +294,28 @@ def _sum(one: Residuals, other: Residuals, share: float = 1.0) -> list[Floats | 
     ]
 
 
-def _residual(term: Term, rows: Floats) -> Floats:
-    """Residuals of a term, without the Jacobian where it can be left out."""
-    return term.residual(rows) if isinstance(term, ByItself) else term.evaluate(rows)[0]
-
-
-def hardest(goals: tuple[Goal, ...], values: Values) -> float:
+def hardest(goals: tuple[Goal, ...], residuals: tuple[Floats, ...]) -> float:
     """Largest residual of a hard goal beyond its slack."""
     return max(
         (
-            float(np.abs(goal.beyond(residual)).max(initial=0.0))
-            for goal, (residual, _) in zip(goals, values, strict=True)
+            float(np.abs(goal.beyond(own)).max(initial=0.0))
+            for goal, own in zip(goals, residuals, strict=True)
             if goal.hard
         ),
         default=0.0,
     )
 
 
-def evaluated(goals: tuple[Goal, ...], blocks: dict[str, Floats]) -> Values:
-    """Residual and Jacobian of every goal."""
-    return tuple(goal.term.evaluate(gathered(goal.term, blocks)) for goal in goals)
+def left_by(goals: tuple[Goal, ...], blocks: dict[str, Floats]) -> tuple[Floats, ...]:
+    """Residuals of every goal."""
+    return tuple(residual(goal.term, blocks) for goal in goals)
+
+
+def _renewed(
+    goals: tuple[Goal, ...], known: tuple[Floats, ...], blocks: dict[str, Floats], *, hard: bool
+) -> tuple[Floats, ...]:
+    """Residuals of which those of the hard goals, or of the soft ones, are taken anew."""
+    return tuple(
+        residual(goal.term, blocks) if goal.hard == hard else own
+        for goal, own in zip(goals, known, strict=True)
+    )

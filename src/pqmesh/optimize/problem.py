@@ -159,11 +159,16 @@ class Problem:
 
     def residuals(self, blocks: Blocks) -> dict[str, Floats]:
         """Residuals (m, r) of every goal."""
-        return {
-            goal.name: goal.term.evaluate(gathered(goal.term, blocks))[0] for goal in self.goals
-        }
+        return {goal.name: residual(goal.term, blocks) for goal in self.goals}
 
 
 def gathered(term: Term, blocks: Blocks) -> Floats:
     """Rows (m, k, 3) that a term reads."""
-    return np.concatenate([blocks[name][rows] for name, rows in term.stencils.items()], axis=1)
+    read = [blocks[name].take(rows, axis=0) for name, rows in term.stencils.items()]
+    return read[0] if len(read) == 1 else np.concatenate(read, axis=1)
+
+
+def residual(term: Term, blocks: Blocks) -> Floats:
+    """Residuals (m, r) of a term, without the Jacobian where it can be left out."""
+    rows = gathered(term, blocks)
+    return term.residual(rows) if isinstance(term, ByItself) else term.evaluate(rows)[0]

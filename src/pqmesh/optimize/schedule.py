@@ -16,7 +16,7 @@ from pqmesh.optimize.constraints import Constraints
 from pqmesh.optimize.ending import OUT_OF_MEMORY, SETTLED
 from pqmesh.optimize.guard import Guard
 from pqmesh.optimize.multilevel import coarse_to_fine
-from pqmesh.optimize.problem import Problem, Term, gathered
+from pqmesh.optimize.problem import Problem, Term, residual
 from pqmesh.optimize.recipes import LOOSE, Weights, hard_goals, problem_for
 from pqmesh.optimize.solver import Solution, Step, solve
 from pqmesh.optimize.terms.curves import OnCurve
@@ -256,7 +256,7 @@ def _on_curves(best: Solution, problem: Problem, start: PolyMesh) -> Solution:
             if isinstance(term, OnCurve):
                 rows = term.stencils["vertices"][:, 0]
                 term = replace(term, segments=term.curves.nearest(vertices[rows]))
-            found, _ = term.evaluate(gathered(term, blocks))
+            found = residual(term, blocks)
             residuals[goal.name] = float(np.abs(found).max(initial=0.0))
     return replace(best, blocks=blocks, residuals=residuals)
 

@@ -36,10 +36,10 @@ from pqmesh.optimize.place import (
     Place,
     State,
     Taken,
-    evaluated,
     hardest,
+    left_by,
 )
-from pqmesh.optimize.problem import Problem, Refreshing, gathered
+from pqmesh.optimize.problem import Problem, Refreshing, residual
 from pqmesh.vectors import Floats, norm
 
 __all__ = ["Solution", "Step", "solve"]
@@ -115,16 +115,16 @@ def solve(
     length = mesh.mean_edge_length
     blocks = {name: np.array(block) for name, block in problem.blocks.items()}
     brakes = np.zeros(mesh.topology.n_faces)
-    values = evaluated(problem.goals, blocks)
-    near = hardest(problem.goals, values) < NEAR
+    residuals = left_by(problem.goals, blocks)
+    near = hardest(problem.goals, residuals) < NEAR
     if bold is None:
         bold = min(max(BOLD * mesh.topology.n_faces**2, LEAST_BOLD), MOST_BOLD)
     penalty, fallback = (bold, FIRST_PENALTY) if near else (FIRST_PENALTY, 0.0)
     state = State(
-        blocks, problem.goals, values, {}, penalty, 1e-9, brakes, near, fallback, enough=enough
+        blocks, problem.goals, residuals, {}, penalty, 1e-9, brakes, near, fallback, enough=enough
     )
     best = Best(ROUNDINGS * EPSILON * np.abs(mesh.vertices).max() / length)
-    best.offer(state.blocks, state.goals, state.values)
+    best.offer(state.blocks, state.goals, state.residuals)
     steps: list[Step] = []
 
     def ended(reason: str) -> Solution:
@@ -139,7 +139,7 @@ def solve(
             if step is None:
                 return ended(why_stuck(guard, state.blocks["vertices"]))
             steps.append(step)
-            best.offer(state.blocks, state.goals, state.values)
+            best.offer(state.blocks, state.goals, state.residuals)
             if progress is not None:
                 progress(number, step)
             if best.settled(steps, resting):
@@ -204,7 +204,7 @@ def _advance(
             brakes = np.where(blocking, stiffer, brakes)
         elif taken is not None:
             straight = place.straightness(direction, taken)
-            if exactly and hardest(state.goals, taken.values) < NEAR:
+            if exactly and hardest(state.goals, taken.residuals) < NEAR:
                 taken = place.brought_back(taken, factor)
             return _updated(replace(place.state, brakes=brakes), taken, damping, straight, length)
         else:
@@ -231,13 +231,13 @@ def _updated(
     """State after an accepted step: multipliers, penalty and damping follow."""
     moves = norm(taken.blocks["vertices"] - state.blocks["vertices"])
     multipliers, hard = dict(state.multipliers), 0.0
-    for goal, (residual, _) in zip(state.goals, taken.values, strict=True):
+    for goal, own in zip(state.goals, taken.residuals, strict=True):
         if goal.hard:
-            hard = max(hard, float(np.abs(goal.beyond(residual)).max(initial=0.0)))
+            hard = max(hard, float(np.abs(goal.beyond(own)).max(initial=0.0)))
             # A short step has not solved the inner problem; its multipliers would mislead.
             if taken.share == 1.0 and not state.finishing:
                 shift = multipliers.get(goal.name, 0.0) / state.penalty
-                multipliers[goal.name] = state.penalty * goal.beyond(residual + shift, ROOM)
+                multipliers[goal.name] = state.penalty * goal.beyond(own + shift, ROOM)
     penalty = state.penalty
     fallback = state.fallback if taken.share < 1.0 and straight >= STRAIGHT else 0.0
     if state.fallback and straight < NEARLY and hard > MISSED:
@@ -256,7 +256,7 @@ def _updated(
     return replace(
         state,
         blocks=taken.blocks,
-        values=taken.values,
+        residuals=taken.residuals,
         multipliers=multipliers,
         penalty=penalty,
         damping=damping,
@@ -267,11 +267,11 @@ def _updated(
 
 def _refreshed(state: State) -> State:
     """The state with terms that follow the unknowns brought up to date."""
-    goals, values = list(state.goals), list(state.values)
+    goals, residuals = list(state.goals), list(state.residuals)
     for index, goal in enumerate(goals):
         if isinstance(goal.term, Refreshing):
             term = goal.term.refreshed(state.blocks)
             if term is not goal.term:
                 goals[index] = replace(goal, term=term)
-                values[index] = term.evaluate(gathered(term, state.blocks))
-    return replace(state, goals=tuple(goals), values=tuple(values))
+                residuals[index] = residual(term, state.blocks)
+    return replace(state, goals=tuple(goals), residuals=tuple(residuals))

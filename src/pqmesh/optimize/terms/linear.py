@@ -32,11 +32,14 @@ class Combination:
         """The Jacobian is the coefficients."""
         return True
 
+    def residual(self, rows: Floats) -> Floats:
+        """Residuals (m, 3) alone."""
+        return (np.tensordot(rows, self.coefficients, (1, 0)) - self.targets) / self.length
+
     def evaluate(self, rows: Floats) -> tuple[Floats, Floats]:
         """Residuals (m, 3) and Jacobian (m, 3, k, 3)."""
-        value = np.tensordot(rows, self.coefficients, (1, 0)) - self.targets
         block = np.einsum("k,ij->ikj", self.coefficients, np.eye(3)) / self.length
-        return value / self.length, np.broadcast_to(block, (len(rows), *block.shape))
+        return self.residual(rows), np.broadcast_to(block, (len(rows), *block.shape))
 
 
 def held_edges(mesh: PolyMesh) -> Combination:
