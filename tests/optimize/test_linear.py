@@ -8,25 +8,6 @@ from scipy.sparse import csr_array
 from pqmesh import linear
 from pqmesh.linear import BlockPattern, SymmetricPattern, factorized
 
-BACKENDS = [
-    "_SuperLU",
-    pytest.param(
-        "_Rslab",
-        marks=pytest.mark.skipif(
-            linear.find_spec("rslab") is None, reason="the extra `fast` is not installed"
-        ),
-    ),
-]
-
-
-@pytest.fixture(params=BACKENDS)
-def backend(request, monkeypatch):
-    """One back end after the other, whatever is installed."""
-    if request.param == "_SuperLU":
-        monkeypatch.setattr(linear, "find_spec", lambda _: None)
-    assert type(linear._backend()).__name__ == request.param
-    return request.param
-
 
 def block_system(seed, n=12, diagonal=30.0):
     """Pattern, its blocks and the dense matrix: random pairs, some of them given twice."""
@@ -191,11 +172,36 @@ def test_pattern_solves_again_after_a_singular_matrix(backend):
     assert np.abs(moved - np.cumsum([8, 7, 6, 5, 4, 3, 2, 1])[:, None]).max() < 1e-11
 
 
-def test_back_ends_agree(monkeypatch):
-    pytest.importorskip("rslab", reason="the extra `fast` is not installed")
+def test_back_ends_agree(backend, without_extras):
     results = []
     for _ in range(2):
         pattern, blocks, dense = block_system(7)
         results.append(pattern.factor(entries(blocks)).solve(np.ones(len(dense))))
-        monkeypatch.setattr(linear, "find_spec", lambda _: None)
+        without_extras()
     assert relative(results[0], results[1]) < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("installed", "size", "chosen"),
+    [
+        ({"rslab", "pymklpardiso"}, linear.FASTER, "_Pardiso"),
+        ({"rslab", "pymklpardiso"}, linear.FASTER + 1, "_Rslab"),
+        ({"pymklpardiso"}, linear.FASTER + 1, "_Pardiso"),
+        ({"rslab"}, 10, "_Rslab"),
+        (set(), 10, "_SuperLU"),
+    ],
+)
+def test_faster_one_of_what_is_installed_is_chosen(monkeypatch, installed, size, chosen):
+    monkeypatch.setattr(linear, "find_spec", lambda name: name in installed)
+    assert type(linear._backend(size)).__name__ == chosen
+
+
+def test_entries_of_the_diagonal_may_be_missing(backend):
+    # Equations of equilibrium with multipliers: the second unknown has no entry of its own.
+    pattern = SymmetricPattern(np.array([0, 1, 0, 1, 2]), np.array([0, 0, 1, 2, 1]), 3)
+    values = pattern.values(np.array([2.0, 1.0, 1.0, 1.0, 1.0]))
+    dense = np.array([[2.0, 1.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+    assert (pattern.matrix(values).toarray() == dense).all()
+    assert values[pattern.diagonal].tolist() == [2.0, 0.0, 0.0]
+    rhs = np.array([1.0, 2.0, 3.0])
+    assert relative(pattern.factor(values).solve(rhs), np.linalg.solve(dense, rhs)) < 1e-14
