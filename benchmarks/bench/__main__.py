@@ -45,9 +45,12 @@ class Asked(NamedTuple):
 
 def rows(sizes: tuple[int, ...], peer_sizes: tuple[int, ...], files: list[str]) -> list[Asked]:
     """All rows of the table."""
-    every = [method for method in METHODS if method != "pqmesh-scipy"]
+    every = [method for method in METHODS if method not in ("pqmesh-mkl", "pqmesh-scipy")]
     groups = [
-        *((f"ellipsoid-{n}", "conical", ["pqmesh", "pqmesh-scipy", "baseline"]) for n in sizes),
+        *(
+            (f"ellipsoid-{n}", "conical", ["pqmesh", "pqmesh-mkl", "pqmesh-scipy", "baseline"])
+            for n in sizes
+        ),
         *((f"roof-{n}", "conical", ["pqmesh", "baseline"]) for n in sizes),
         *((name, "conical", ["pqmesh", "baseline"]) for name in CONICAL_FILES if name in files),
         *(

@@ -14,6 +14,7 @@ FLAT = 1e-8
 COLORS = {
     "pqmesh": "#0b5fa5",
     "pqmesh-glide": "#5aa9e6",
+    "pqmesh-mkl": "#123a6b",
     "pqmesh-scipy": "#39a78e",
     "baseline": "#d1495b",
     "libigl-100": "#c0a36e",

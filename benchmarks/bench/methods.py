@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from typing import NamedTuple
 
 import numpy as np
@@ -43,18 +44,18 @@ def optimized_by_pqmesh(case: Case, kind: str, boundary: str) -> Ended:
     return Ended(found.blocks["vertices"], found.converged, found.reason)
 
 
-def _pqmesh(case: Case, kind: str) -> Run:
-    return lambda: optimized_by_pqmesh(case, kind, "free")
+def _pqmesh(*back_ends: str, boundary: str = "free") -> Callable[[Case, str], Run]:
+    """With some of the optional back ends of the linear algebra."""
 
+    def ready(case: Case, kind: str) -> Run:
+        for name in {"rslab", "pymklpardiso"}.difference(back_ends):
+            # As if it were not installed; the process is this measurement's own.
+            sys.modules[name] = None  # type: ignore[assignment]
+        for name in back_ends:
+            import_module(name)
+        return lambda: optimized_by_pqmesh(case, kind, boundary)
 
-def _pqmesh_glide(case: Case, kind: str) -> Run:
-    return lambda: optimized_by_pqmesh(case, kind, "glide")
-
-
-def _pqmesh_scipy(case: Case, kind: str) -> Run:
-    # As if the extra `fast` were not installed; the process is this measurement's own.
-    sys.modules["rslab"] = None  # type: ignore[assignment]
-    return lambda: optimized_by_pqmesh(case, kind, "free")
+    return ready
 
 
 def _baseline(case: Case, kind: str) -> Run:
@@ -111,9 +112,10 @@ def _mpfp(case: Case, kind: str) -> Run:
 
 
 METHODS: dict[str, Callable[[Case, str], Run]] = {
-    "pqmesh": _pqmesh,
-    "pqmesh-glide": _pqmesh_glide,
-    "pqmesh-scipy": _pqmesh_scipy,
+    "pqmesh": _pqmesh("rslab"),
+    "pqmesh-glide": _pqmesh("rslab", boundary="glide"),
+    "pqmesh-mkl": _pqmesh("rslab", "pymklpardiso"),
+    "pqmesh-scipy": _pqmesh(),
     "baseline": _baseline,
     "libigl-100": _libigl(100),
     "libigl-500": _libigl(500),
