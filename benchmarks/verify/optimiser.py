@@ -341,7 +341,11 @@ def _edited(extra: str) -> list[Row]:
     for edited, (median, longest, worst, gap) in json.loads(done.stdout).items():
         name = f"{edited}, extra {extra}"
         rows += [
-            at_most(f"2500 faces, {name}: median of 20 drags, the middle one of 3 series, ms", 60.0, 1e3 * median),
+            at_most(
+                f"2500 faces, {name}: median of 20 drags, the middle one of 3 series, ms",
+                60.0,
+                1e3 * median,
+            ),
             at_most(f"2500 faces, {name}: longest of that series, ms", 150.0, 1e3 * longest),
             at_most(f"2500 faces, {name}: planarity, cone spread", 1e-6, worst),
             at_most(f"2500 faces, {name}: handle off its target, edges", 0.05, gap),

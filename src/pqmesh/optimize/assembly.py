@@ -179,7 +179,7 @@ class _Elements:
                 values[i, j] += self._squares @ products[i, j]
 
     def constant(self, jacobian: Floats) -> list[tuple[tuple[int, int], Indices, Floats]]:
-        """Places of entries that J'J meets, and what it adds there, by rows and columns of blocks."""
+        """Row and column in the blocks, blocks that J'J meets there, and what it adds to them."""
         products, constant = self._products(jacobian, 1.0), []
         for i, j in np.ndindex(3, 3):
             if products[i, j].any():
