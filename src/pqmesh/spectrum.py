@@ -17,10 +17,13 @@ DENSE = 300
 SHIFT = 1e-14
 # Vectors kept beyond those asked for, and rounds of the iteration.
 SPARE, ROUNDS, LONG_ROUNDS = 8, 2, 15
+# A value that falls by less than this share of itself in a round is good to a hundredth.
+SETTLED = 1e-4
 # Right-hand sides solved at once.
 COLUMNS = 16
 # Passes of `orthonormal` at most, when it is content, and how far it trusts a Gram matrix.
 PASSES, ORTHONORMAL, GRAM_FLOOR = 8, 1e-14, 1e-13
+EPSILON = float(np.finfo(np.float64).eps)
 # Squares of singular values below this share of the largest are computed again.
 KNOWN = 1e-8
 
@@ -102,13 +105,17 @@ def _solved(factor: Factor, block: Floats) -> Floats:
 def _with_next(rows: Any, factor: Factor, found: LowSpectrum, low: int) -> LowSpectrum:
     """The lowest vectors kept, and the one after them iterated for long beside them."""
     kept = found.vectors[:, :low]
-    block = found.vectors[:, low : low + SPARE]
+    block, value = found.vectors[:, low : low + SPARE], np.inf
     for _ in range(LONG_ROUNDS):
         block = factor.solve(block)
         for _ in range(2):
             # Once is not enough: the solution is nearly all in the space of the kept ones.
             block = orthonormal(block - kept @ (kept.T @ block))
-    above = _values_on(rows @ block, block)
+        above, before = _values_on(rows @ block, block), value
+        value = float(above.values[0])
+        # A round takes off more of what is left than this, or else the vectors are of one value.
+        if before - value <= SETTLED * value:
+            break
     return LowSpectrum(
         np.concatenate([found.values[:low], above.values]),
         np.column_stack([kept, above.vectors]),
@@ -128,11 +135,13 @@ def orthonormal(block: Floats) -> Floats:
     >>> bool(np.allclose(found.T @ found, np.eye(2))), float(np.abs(found[2]).max())
     (True, 0.0)
     """
+    # Sums of so many products are no better than the root of their number, in roundings.
+    content = max(ORTHONORMAL, EPSILON * np.sqrt(len(block)))
     for _ in range(PASSES):
         length = np.sqrt(np.einsum("ni,ni->i", block, block))
         block = block / np.where(length > 0.0, length, 1.0)
         gram = block.T @ block
-        if np.abs(gram - np.eye(len(gram))).max(initial=0.0) <= ORTHONORMAL:
+        if np.abs(gram - np.eye(len(gram))).max(initial=0.0) <= content:
             break
         values, turn = np.linalg.eigh(gram)
         block = block @ (turn / np.sqrt(np.maximum(values, GRAM_FLOOR * values[-1])))

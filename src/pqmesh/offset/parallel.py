@@ -42,6 +42,8 @@ ROUNDING = 1e-13
 WELL_CONDITIONED = 100.0
 # Sums along the tree that close to this share of the mesh need no correction.
 CLOSED = 1e-12
+# Edges whose gaps are looked at together.
+FEW = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,11 +298,30 @@ def _integrated(topology: Topology, forest: SpanningForest, edges: Floats) -> Fl
         before, edge = forest.parent[level], forest.parent_edge[level]
         sign = np.where(before < level, 1.0, -1.0)
         points[level] = points[before] + sign[:, None, None] * edges[edge]
-    low, high = topology.edges.T
-    missing = edges - (points[high] - points[low])
-    if np.abs(missing).max(initial=0.0) > CLOSED * np.abs(points).max(initial=0.0):
-        points += _least_squares_step(topology, forest, missing)
+    if _largest_gap(topology, forest, edges, points) > CLOSED * _largest(points):
+        low, high = topology.edges.T
+        points += _least_squares_step(topology, forest, edges - (points[high] - points[low]))
     return points
+
+
+def _largest_gap(
+    topology: Topology, forest: SpanningForest, edges: Floats, points: Floats
+) -> float:
+    """Largest coordinate missing between ends and edges, of the edges that are in no tree."""
+    beside = np.ones(len(edges), dtype=np.bool_)
+    beside[forest.parent_edge[forest.parent >= 0]] = False
+    gap = 0.0
+    # A few at a time: all of them for a large basis would be copied several times.
+    rows = np.flatnonzero(beside)
+    for part in np.split(rows, range(FEW, len(rows), FEW)):
+        low, high = topology.edges[part].T
+        gap = max(gap, _largest(edges[part] - (points[high] - points[low])))
+    return gap
+
+
+def _largest(values: Floats) -> float:
+    """Largest absolute value."""
+    return max(float(values.max(initial=0.0)), -float(values.min(initial=0.0)))
 
 
 def _least_squares_step(topology: Topology, forest: SpanningForest, missing: Floats) -> Floats:
