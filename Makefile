@@ -5,6 +5,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 EXTRAS := fast,viz,aec
 OUT := out
+# Tests run in so many processes, those of a file in one.
+JOBS ?= 2
 
 .DEFAULT_GOAL := help
 .PHONY: help setup roof test check verify bench docs clean
@@ -44,14 +46,14 @@ roof: $(VENV)/run.stamp
 	$(BIN)/python examples/roof/case_study.py $(OUT)/roof
 
 test: $(VENV)/test.stamp
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile
 
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check src tests examples benchmarks
 	$(BIN)/ruff check src tests examples benchmarks
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile
 
 verify: $(VENV)/bench.stamp
 	$(BIN)/python benchmarks/verify
