@@ -232,6 +232,9 @@ def test_polylines_cover_every_edge_once_and_end_where_they_must(named):
             ends = line[[0, -1]]
             assert (t.is_boundary_vertex[ends] | (t.valence[ends] != 4)).all()
     assert sorted(covered) == sorted(map(tuple, t.edges.tolist()))
+    for edge, line in zip(t.edges.tolist(), t.polyline_of_edge.tolist(), strict=True):
+        steps = zip(t.polylines[line][:-1].tolist(), t.polylines[line][1:].tolist(), strict=True)
+        assert tuple(edge) in {tuple(sorted(step)) for step in steps}
 
 
 def test_polylines_go_straight_through_regular_vertices(named):

@@ -78,7 +78,7 @@ def coarsened(mesh: QuadMesh) -> Coarse | None:
 def _left_out(topology: Topology) -> Mask:
     """Edges (E,) on the lines that are left out."""
     lines = topology.polylines
-    line_of = _lines_of_edges(topology, lines)
+    line_of = topology.polyline_of_edge
     beside = _lines_beside(topology, line_of, len(lines))
     boundary = topology.is_boundary_vertex
     may_go = np.ones(len(lines), dtype=np.bool_)
@@ -100,18 +100,6 @@ def _left_out(topology: Topology) -> Mask:
             if np.count_nonzero(~gone[across]) < FEWEST_IN_RING:
                 gone[across] = False
     return np.asarray(gone[line_of])
-
-
-def _lines_of_edges(topology: Topology, lines: list[Indices]) -> Indices:
-    """Line of each edge, shape (E,)."""
-    size = np.int64(topology.n_vertices)
-    tails = np.concatenate([line[:-1] for line in lines])
-    heads = np.concatenate([line[1:] for line in lines])
-    keys = np.minimum(tails, heads) * size + np.maximum(tails, heads)
-    owner = np.repeat(np.arange(len(lines)), [len(line) - 1 for line in lines])
-    edges = topology.edges[:, 0] * size + topology.edges[:, 1]
-    order = np.argsort(keys)
-    return np.asarray(owner[order[np.searchsorted(keys[order], edges)]])
 
 
 def _lines_beside(topology: Topology, line_of: Indices, count: int) -> list[list[int]]:

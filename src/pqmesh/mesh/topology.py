@@ -361,6 +361,18 @@ class Topology:
         return chains
 
     @cached_property
+    def polyline_of_edge(self) -> Indices:
+        """Mesh polyline of each edge, by its place in `polylines`, shape (E,)."""
+        lines, size = self.polylines, np.int64(self.n_vertices)
+        tails = np.concatenate([line[:-1] for line in lines])
+        heads = np.concatenate([line[1:] for line in lines])
+        keys = np.minimum(tails, heads) * size + np.maximum(tails, heads)
+        owner = np.repeat(np.arange(len(lines)), [len(line) - 1 for line in lines])
+        order = np.argsort(keys)
+        edges = self.edges[:, 0] * size + self.edges[:, 1]
+        return read_only(owner[order[np.searchsorted(keys[order], edges)]], np.int64)
+
+    @cached_property
     def _straight_pairs(self) -> dict[tuple[int, int], tuple[int, int]]:
         """Directed edge into a regular vertex -> the directed edge straight out of it."""
         pairs: dict[tuple[int, int], tuple[int, int]] = {}

@@ -18,8 +18,8 @@ from pqmesh.mesh.slides import edge_equations, fold_sines, least_squares, touchi
 from pqmesh.optimize.ending import SETTLED, Solution
 from pqmesh.vectors import Indices
 
-# A ridge of flat edges may become so many edges long.
-LONGEST_RIDGE = 60
+# Ridges may turn at vertices that are not regular so many times.
+MOST_TURNS = 20
 # Faces whose normals meet at less than this (radians) lie in one plane as far as axes go.
 FLAT = 1e-5
 # Axes are in a plane with their edge up to this angle, radians.
@@ -33,6 +33,8 @@ def untwisted(
 
     A vertex gives way by laying its faces into two planes, so that its axis may turn along their
     common line: its next edge is flat then, and so on, until a ridge has come to the boundary.
+    So whole mesh polylines are asked for with each flat edge: where there is a fold, ends have
+    their axes in a plane with the edge anyway.
 
     Parameters
     ----------
@@ -42,11 +44,12 @@ def untwisted(
         Solution near a mesh with the axes of some edges aligned, from (mesh, edges, resting).
     """
     found, flat = best, np.empty(0, dtype=np.int64)
-    for _ in range(LONGEST_RIDGE):
+    for _ in range(MOST_TURNS):
         mesh = start.with_vertices(found.blocks["vertices"])
-        known, flat = flat, np.union1d(flat, flat_edges(mesh))
-        if not (len(known) or is_skew(mesh, flat)):
+        known, new = flat, flat_edges(mesh)
+        if not (len(known) or is_skew(mesh, new)):
             return best
+        flat = np.union1d(known, _with_their_lines(mesh, new))
         ended = len(flat) == len(known)
         # Only the last solution is waited for to come to rest.
         found = solved(mesh, flat, SETTLED if ended else np.inf)
@@ -70,6 +73,13 @@ def flat_edges(mesh: PolyMesh) -> Indices:
     """
     inner = ~mesh.topology.is_boundary_vertex[mesh.edges].any(axis=1)
     return np.flatnonzero(inner & (fold_sines(mesh) < FLAT))
+
+
+def _with_their_lines(mesh: PolyMesh, edges: Indices) -> Indices:
+    """All edges between inner vertices on the mesh polylines of some, rising."""
+    lines = mesh.topology.polyline_of_edge
+    inner = ~mesh.topology.is_boundary_vertex[mesh.edges].any(axis=1)
+    return np.flatnonzero(inner & np.isin(lines, lines[edges]))
 
 
 def is_skew(mesh: PolyMesh, edges: Indices) -> bool:
