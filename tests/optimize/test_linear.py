@@ -1,4 +1,4 @@
-"""Sparse symmetric systems of fixed pattern: both back ends against dense solutions."""
+"""Sparse symmetric systems of fixed pattern: all back ends against dense solutions."""
 
 import mpmath
 import numpy as np
@@ -189,11 +189,31 @@ def test_back_ends_agree(backend, without_extras):
         ({"pymklpardiso"}, linear.FASTER + 1, "_Pardiso"),
         ({"rslab"}, 10, "_Rslab"),
         (set(), 10, "_SuperLU"),
+        ({"pymklpardiso"}, 0, "_SuperLU"),
     ],
 )
 def test_faster_one_of_what_is_installed_is_chosen(monkeypatch, installed, size, chosen):
-    monkeypatch.setattr(linear, "find_spec", lambda name: name in installed)
+    monkeypatch.setattr(linear, "is_usable", lambda name: name in installed)
     assert type(linear._backend(size)).__name__ == chosen
+
+
+@pytest.mark.parametrize("fault", ["ImportError('libmkl: wrong ELF class')", "OSError('no file')"])
+def test_module_that_does_not_load_is_told_once_and_another_used(tmp_path, monkeypatch, fault):
+    (tmp_path / "broken_solver.py").write_text(f"raise {fault}")
+    monkeypatch.syspath_prepend(tmp_path)
+    linear.is_usable.cache_clear()
+    with pytest.warns(RuntimeWarning, match="broken_solver is installed, but does not"):
+        assert not linear.is_usable("broken_solver")
+    # Warnings are errors here: there is no second one.
+    assert not linear.is_usable("broken_solver")
+    linear.is_usable.cache_clear()
+
+
+def test_matrix_without_rows_has_an_empty_solution(backend):
+    none = np.zeros(0, dtype=np.int64)
+    scalars, blocks = SymmetricPattern(none, none, 0), BlockPattern(none, none, 0)
+    assert scalars.factor(np.zeros(0)).solve(np.zeros(0)).shape == (0,)
+    assert blocks.factor(np.zeros((3, 3, 0))).solve(np.zeros(0)).shape == (0,)
 
 
 def test_entries_of_the_diagonal_may_be_missing(backend):
