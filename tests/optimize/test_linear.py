@@ -3,7 +3,7 @@
 import mpmath
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
+from scipy.sparse import csc_matrix, csr_array
 
 from pqmesh import linear
 from pqmesh.linear import BlockPattern, SymmetricPattern, factorized
@@ -83,6 +83,62 @@ def test_older_factor_keeps_its_own_values(backend):
         assert relative(older.solve(rhs, rough=rough), wanted) < 1e-14
         assert relative(newer.solve(rhs, rough=rough), wanted / 2) < 1e-14
     assert relative(pattern.factor(entries(kept)).solve(rhs), wanted) < 1e-14
+
+
+def test_pardiso_analyses_again_only_where_it_has_to(monkeypatch):
+    pytest.importorskip("pymklpardiso", reason="the extra `mkl` is not installed")
+    pattern, blocks, _ = block_system(1)
+    pattern._backend, calls, plain = linear._Pardiso(None), [], linear._analysed
+
+    def analysed(lower):
+        calls.append(lower.shape)
+        return plain(lower)
+
+    monkeypatch.setattr(linear, "_analysed", analysed)
+    factor = None
+    for _ in range(3):
+        # The one before is given up first, as the solver does.
+        factor = None
+        factor = pattern.factor(entries(blocks))
+    assert len(calls) == 1
+    newer = pattern.factor(entries(2.0 * blocks))
+    assert len(calls) == 2
+    # What failed halfway is not used again.
+    del factor, newer
+    failing = pattern._backend._solver = Failing()
+    with pytest.raises(MemoryError):
+        pattern.factor(entries(blocks))
+    assert pattern._backend._solver is not failing
+    pattern.factor(entries(blocks))
+    assert len(calls) == 3
+
+
+class Failing:
+    """A solver without memory."""
+
+    def refactor(self, values):
+        raise RuntimeError("not enough memory")
+
+
+@pytest.mark.parametrize(
+    "dense", [[[1.0, 0.0], [0.0, 1e-10]], [[0.0, 1.0], [1.0, 0.0]]], ids=["graded", "two rows"]
+)
+def test_pardiso_needs_no_other_for_small_pivots_and_blocks_of_two_rows(dense):
+    pytest.importorskip("pymklpardiso", reason="the extra `mkl` is not installed")
+    pattern = SymmetricPattern(np.array([0, 1, 0, 1]), np.array([0, 0, 1, 1]), 2)
+    pattern._backend = linear._Pardiso(None)
+    found = pattern.factor(np.ravel(dense)).solve(np.array([3.0, 2.0]))
+    assert relative(found, np.linalg.solve(dense, [3.0, 2.0])) < 1e-14
+
+
+def test_refinement_takes_off_what_a_factor_misses():
+    class Rough:
+        def solve(self, rhs):
+            return 1.01 * rhs / 2.0
+
+    factor = linear._Refined(Rough(), linear._Lower.of(csc_matrix(2.0 * np.eye(3))))
+    assert np.allclose(factor.solve(np.ones(3), rough=True), 0.5 * 1.01, rtol=1e-14)
+    assert np.allclose(factor.solve(np.ones(3)), 0.5 * (1 - 1e-4), rtol=1e-14)
 
 
 def test_both_patterns_and_the_single_matrix_agree(backend):

@@ -274,6 +274,40 @@ def test_old_factor_brings_a_disturbed_mesh_back_without_another(kind, factors):
             assert np.abs(after).max() <= goal.tolerance
     moved = np.linalg.norm(back.blocks["vertices"] - start.vertices, axis=1).max()
     assert moved < 3e-4 * start.mean_edge_length
+    # Those of the soft goals belong to the new places, too.
+    for found, wanted in zip(back.residuals, left_by(place.state.goals, back.blocks), strict=True):
+        assert (found == wanted).all()
+
+
+class Scaled:
+    """A factor whose solutions are too long or too short by a factor."""
+
+    def __init__(self, factor, scale):
+        self.factor, self.scale, self.count = factor, scale, 0
+
+    def solve(self, rhs, *, rough=False):
+        self.count += 1
+        return self.scale * self.factor.solve(rhs, rough=rough)
+
+
+class AllBroken:
+    """A guard that no places satisfy."""
+
+    def broken(self, vertices):
+        return np.ones(1, dtype=bool), np.zeros(1, dtype=bool)
+
+
+def test_rounds_end_where_they_lead_away_or_are_slow_or_break_a_face():
+    place, assembly, matrix = place_of("planar", disturbed(VASE, 1e-4, 2), 1e6)
+    factor = assembly.factor(matrix)
+    taken = place.line_search(0.0 * place.slope(), factor)
+    away = Scaled(factor, -1.0)
+    assert place.brought_back(taken, away) is taken
+    assert away.count == 1
+    half = Scaled(factor, 0.5)
+    assert place.brought_back(taken, half) is not taken
+    assert half.count == 1
+    assert replace(place, guard=AllBroken()).brought_back(taken, factor) is taken
 
 
 def test_drags_take_two_factorisations_at_most(factors):
