@@ -296,6 +296,14 @@ def test_brakes_resist_what_moves_the_corners_of_a_face_apart(name):
     assert close(matrix, wanted)
 
 
+def test_rows_of_an_element_come_in_the_order_of_its_blocks():
+    problem, _ = PROBLEMS["one Jacobian"]
+    term = problem.goals[0].term
+    rows = gathered(term, problem.blocks)
+    assert (rows[:, :4] == problem.blocks["vertices"][term.rows]).all()
+    assert (rows[:, 4:] == problem.blocks["axes"][term.others]).all()
+
+
 def test_fixed_mesh_has_no_columns():
     problem, mesh = PROBLEMS["planar"]
     assembly = Assembly(replace(problem, fixed={"vertices": np.ones(20, dtype=bool)}), mesh)
