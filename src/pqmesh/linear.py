@@ -310,7 +310,8 @@ class _Pardiso:
     """MKL's sparse LDL', which keeps its symbolic analysis, too; the extra `mkl`.
 
     It pivots within its blocks only: another back end takes the matrices for which that is not
-    enough, and tells which of them are singular.
+    enough, and tells which of them are singular. All systems here are definite, or nearly singular;
+    no back end is safe for others: rslab may refuse them, SuperLU does not pivot.
     """
 
     def __init__(self, other: _Backend) -> None:
