@@ -2,16 +2,20 @@
 
 What does not change is done once: where the contributions go, the fill-reducing order, and the
 symbolic part of the factorisation where the back end keeps one. The back end is what is installed:
-MKL's Pardiso (extra `mkl`) for small matrices, rslab (extra `fast`), else SciPy's SuperLU.
+rslab (extra `fast`) or SciPy's SuperLU, and MKL's Pardiso (extra `mkl`) in place of rslab for small
+matrices and in place of SuperLU for all.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Protocol
+from warnings import warn
 from weakref import ref
 
 import numpy as np
@@ -42,7 +46,10 @@ class Factor(Protocol):
     """A factorised matrix."""
 
     def solve(self, rhs: Floats, *, rough: bool = False) -> Floats:
-        """Solution of A x = rhs; a rough one where a few digits will do."""
+        """Solution (n,) of A x = rhs; a rough one where a few digits will do.
+
+        SciPy's factor takes several columns (n, k), too.
+        """
         ...
 
 
@@ -188,11 +195,8 @@ class _Lower:
         return cls(csc_matrix((matrix.data[kept], matrix.indices[kept], below), matrix.shape))
 
     def times(self, x: Floats) -> Floats:
-        """The matrix times columns."""
-        own = self.lower.diagonal()
-        return np.asarray(
-            self.lower @ x + self.lower.T @ x - (own if x.ndim == 1 else own[:, None]) * x
-        )
+        """The matrix times a vector (n,)."""
+        return np.asarray(self.lower @ x + self.lower.T @ x - self.lower.diagonal() * x)
 
     def whole(self) -> Any:
         """Both triangles, in compressed columns."""
@@ -207,10 +211,29 @@ class _Backend(Protocol):
 
 def _backend(size: int) -> _Backend:
     """What is installed, the faster one for so many unknowns."""
-    rslab = find_spec("rslab")
+    rslab = is_usable("rslab")
     other: _Backend = _Rslab() if rslab else _SuperLU()
-    faster = find_spec("pymklpardiso") and (size <= FASTER or not rslab)
-    return _Pardiso(other) if faster else other
+    # Pardiso refuses a matrix without rows, which needs no solver.
+    faster = size > 0 and (size <= FASTER or not rslab)
+    return _Pardiso(other) if faster and is_usable("pymklpardiso") else other
+
+
+@cache
+def is_usable(module: str) -> bool:
+    """Whether an optional module is installed and can be loaded; one that cannot is told once."""
+    if find_spec(module) is None:
+        return False
+    try:
+        import_module(module)
+    except (ImportError, OSError) as error:
+        warn(
+            f"An optional solver must load; {module} is installed, but does not ({error}). "
+            f"Another solver is used: install it anew, or remove it.",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+        return False
+    return True
 
 
 def check_room(size: int) -> None:
@@ -287,7 +310,8 @@ class _Pardiso:
     """MKL's sparse LDL', which keeps its symbolic analysis, too; the extra `mkl`.
 
     It pivots within its blocks only: another back end takes the matrices for which that is not
-    enough, and tells which of them are singular.
+    enough, and tells which of them are singular. All systems here are definite, or nearly singular;
+    no back end is safe for others: rslab may refuse them, SuperLU does not pivot.
     """
 
     def __init__(self, other: _Backend) -> None:
@@ -345,5 +369,4 @@ class _Refined:
         return x if rough else x + self._solved(rhs - self._matrix.times(x))
 
     def _solved(self, rhs: Floats) -> Floats:
-        """It takes several columns in Fortran's order only."""
-        return np.asarray(self._factor.solve(np.asfortranarray(rhs)), dtype=np.float64)
+        return np.asarray(self._factor.solve(np.ascontiguousarray(rhs)), dtype=np.float64)

@@ -12,11 +12,14 @@ from shapes import curved_mesh, zoo
 from pqmesh.errors import MeshError
 from pqmesh.io.formats import read_quad_mesh
 from pqmesh.mesh.exact import grid_mesh
+from pqmesh.mesh.loops import spanning_forest
 from pqmesh.mesh.measure import planarity
 from pqmesh.mesh.quadmesh import QuadMesh
 from pqmesh.mesh.solids import sphere_tangent_mesh
 from pqmesh.offset.distances import parallel_error
 from pqmesh.offset.parallel import (
+    FEW,
+    _largest_gap,
     closing_matrix,
     generic_dimension,
     parallel_space,
@@ -132,6 +135,18 @@ def test_exact_factors_are_added_up_without_correction(monkeypatch):
         mesh = zoo()[name][0]
         points = parallel_space(mesh).positions(np.full(len(mesh.edges), 2.0))
         assert np.ptp(2 * mesh.vertices - points, axis=0).max() < 1e-14
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_largest_gap_is_found_wherever_and_however_edges_do_not_close(sign):
+    topology = large_grid(20).topology
+    forest, points = spanning_forest(topology), np.zeros((21 * 21, 3, 2))
+    beside = np.setdiff1d(np.arange(topology.n_edges), forest.parent_edge[forest.parent >= 0])
+    assert len(beside) > FEW
+    for edge in (beside[0], beside[FEW - 1], beside[FEW], beside[-1]):
+        edges = np.zeros((topology.n_edges, 3, 2))
+        edges[edge, 1, 1] = 3.0 * sign
+        assert _largest_gap(topology, forest, edges, points) == 3.0
 
 
 def test_factors_that_do_not_close_are_met_in_least_squares():

@@ -30,6 +30,20 @@ class Springs:
         return np.einsum("mrki,mki->mr", jacobian, rows), jacobian
 
 
+@dataclass(frozen=True)
+class Alike(Springs):
+    """The same Jacobian for every element, once and for all; its blocks are of any kind."""
+
+    @property
+    def is_linear(self):
+        return True
+
+    def evaluate(self, rows):
+        one = np.random.default_rng(8).normal(size=(2, rows.shape[1], 3))
+        jacobian = np.broadcast_to(one, (len(rows), *one.shape))
+        return np.einsum("mrki,mki->mr", jacobian, rows), jacobian
+
+
 def problems():
     """Problems of several terms and blocks by name, with meshes and fixed rows."""
     dome = curved_mesh(4, 3)
@@ -54,6 +68,8 @@ def problems():
     fixed = {"vertices": np.arange(20) % 3 == 0, "axes": np.arange(5) == 2}
     goals = (Goal("springs", twice, 2.0), Goal("edges", held_edges(dome), hard=True, slack=0.1))
     found["rows twice"] = (Problem(blocks, goals, fixed), dome)
+    alike = Goal("alike", Alike(twice.rows, twice.others), 2.0)
+    found["one Jacobian"] = (Problem(blocks, (alike,), fixed), dome)
     return found
 
 
@@ -278,6 +294,14 @@ def test_brakes_resist_what_moves_the_corners_of_a_face_apart(name):
     wanted = dense_sum(problem, parts, jacobians) + np.einsum("kl,ij->kilj", stiff, np.eye(3))
     matrix, _ = assembled(problem, mesh, parts, brakes=brakes)
     assert close(matrix, wanted)
+
+
+def test_rows_of_an_element_come_in_the_order_of_its_blocks():
+    problem, _ = PROBLEMS["one Jacobian"]
+    term = problem.goals[0].term
+    rows = gathered(term, problem.blocks)
+    assert (rows[:, :4] == problem.blocks["vertices"][term.rows]).all()
+    assert (rows[:, 4:] == problem.blocks["axes"][term.others]).all()
 
 
 def test_fixed_mesh_has_no_columns():

@@ -1,9 +1,9 @@
-"""Sparse symmetric systems of fixed pattern: both back ends against dense solutions."""
+"""Sparse symmetric systems of fixed pattern: all back ends against dense solutions."""
 
 import mpmath
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
+from scipy.sparse import csc_matrix, csr_array
 
 from pqmesh import linear
 from pqmesh.linear import BlockPattern, SymmetricPattern, factorized
@@ -83,6 +83,62 @@ def test_older_factor_keeps_its_own_values(backend):
         assert relative(older.solve(rhs, rough=rough), wanted) < 1e-14
         assert relative(newer.solve(rhs, rough=rough), wanted / 2) < 1e-14
     assert relative(pattern.factor(entries(kept)).solve(rhs), wanted) < 1e-14
+
+
+def test_pardiso_analyses_again_only_where_it_has_to(monkeypatch):
+    pytest.importorskip("pymklpardiso", reason="the extra `mkl` is not installed")
+    pattern, blocks, _ = block_system(1)
+    pattern._backend, calls, plain = linear._Pardiso(None), [], linear._analysed
+
+    def analysed(lower):
+        calls.append(lower.shape)
+        return plain(lower)
+
+    monkeypatch.setattr(linear, "_analysed", analysed)
+    factor = None
+    for _ in range(3):
+        # The one before is given up first, as the solver does.
+        factor = None
+        factor = pattern.factor(entries(blocks))
+    assert len(calls) == 1
+    newer = pattern.factor(entries(2.0 * blocks))
+    assert len(calls) == 2
+    # What failed halfway is not used again.
+    del factor, newer
+    failing = pattern._backend._solver = Failing()
+    with pytest.raises(MemoryError):
+        pattern.factor(entries(blocks))
+    assert pattern._backend._solver is not failing
+    pattern.factor(entries(blocks))
+    assert len(calls) == 3
+
+
+class Failing:
+    """A solver without memory."""
+
+    def refactor(self, values):
+        raise RuntimeError("not enough memory")
+
+
+@pytest.mark.parametrize(
+    "dense", [[[1.0, 0.0], [0.0, 1e-10]], [[0.0, 1.0], [1.0, 0.0]]], ids=["graded", "two rows"]
+)
+def test_pardiso_needs_no_other_for_small_pivots_and_blocks_of_two_rows(dense):
+    pytest.importorskip("pymklpardiso", reason="the extra `mkl` is not installed")
+    pattern = SymmetricPattern(np.array([0, 1, 0, 1]), np.array([0, 0, 1, 1]), 2)
+    pattern._backend = linear._Pardiso(None)
+    found = pattern.factor(np.ravel(dense)).solve(np.array([3.0, 2.0]))
+    assert relative(found, np.linalg.solve(dense, [3.0, 2.0])) < 1e-14
+
+
+def test_refinement_takes_off_what_a_factor_misses():
+    class Rough:
+        def solve(self, rhs):
+            return 1.01 * rhs / 2.0
+
+    factor = linear._Refined(Rough(), linear._Lower.of(csc_matrix(2.0 * np.eye(3))))
+    assert np.allclose(factor.solve(np.ones(3), rough=True), 0.5 * 1.01, rtol=1e-14)
+    assert np.allclose(factor.solve(np.ones(3)), 0.5 * (1 - 1e-4), rtol=1e-14)
 
 
 def test_both_patterns_and_the_single_matrix_agree(backend):
@@ -189,11 +245,31 @@ def test_back_ends_agree(backend, without_extras):
         ({"pymklpardiso"}, linear.FASTER + 1, "_Pardiso"),
         ({"rslab"}, 10, "_Rslab"),
         (set(), 10, "_SuperLU"),
+        ({"pymklpardiso"}, 0, "_SuperLU"),
     ],
 )
 def test_faster_one_of_what_is_installed_is_chosen(monkeypatch, installed, size, chosen):
-    monkeypatch.setattr(linear, "find_spec", lambda name: name in installed)
+    monkeypatch.setattr(linear, "is_usable", lambda name: name in installed)
     assert type(linear._backend(size)).__name__ == chosen
+
+
+@pytest.mark.parametrize("fault", ["ImportError('libmkl: wrong ELF class')", "OSError('no file')"])
+def test_module_that_does_not_load_is_told_once_and_another_used(tmp_path, monkeypatch, fault):
+    (tmp_path / "broken_solver.py").write_text(f"raise {fault}")
+    monkeypatch.syspath_prepend(tmp_path)
+    linear.is_usable.cache_clear()
+    with pytest.warns(RuntimeWarning, match="broken_solver is installed, but does not"):
+        assert not linear.is_usable("broken_solver")
+    # Warnings are errors here: there is no second one.
+    assert not linear.is_usable("broken_solver")
+    linear.is_usable.cache_clear()
+
+
+def test_matrix_without_rows_has_an_empty_solution(backend):
+    none = np.zeros(0, dtype=np.int64)
+    scalars, blocks = SymmetricPattern(none, none, 0), BlockPattern(none, none, 0)
+    assert scalars.factor(np.zeros(0)).solve(np.zeros(0)).shape == (0,)
+    assert blocks.factor(np.zeros((3, 3, 0))).solve(np.zeros(0)).shape == (0,)
 
 
 def test_entries_of_the_diagonal_may_be_missing(backend):

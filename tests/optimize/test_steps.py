@@ -9,10 +9,11 @@ from shapes import curved_mesh, ellipsoid, sampled
 
 from pqmesh.mesh.exact import grid_mesh, rotational_mesh, translational_mesh
 from pqmesh.mesh.measure import conicality_defect, nonconvex_faces, planarity
+from pqmesh.optimize import solver
 from pqmesh.optimize.assembly import Assembly
 from pqmesh.optimize.editing import Editing
 from pqmesh.optimize.guard import Guard
-from pqmesh.optimize.place import NEAR, Place, State, left_by
+from pqmesh.optimize.place import NEAR, ROOM, Place, State, left_by
 from pqmesh.optimize.problem import Goal, Problem, gathered
 from pqmesh.optimize.recipes import problem_for
 from pqmesh.optimize.schedule import optimized
@@ -229,6 +230,53 @@ def place_of(kind, mesh, penalty):
     return place, assembly, matrix
 
 
+def test_inequalities_that_hold_with_room_do_not_resist():
+    place, assembly, _ = place_of("planar", disturbed(VASE, 1e-2, 2), 1e3)
+    own = place.state.residuals[0]
+    middle = float(np.median(np.abs(own)))
+    goals = (replace(place.state.goals[0], slack=middle), *place.state.goals[1:])
+    state = replace(place.state, goals=goals)
+    part = Place.of(state, assembly, place.guard, place.length).parts[0]
+    resists = np.abs(part.jacobian).max(axis=(1, 2, 3)) > 0
+    assert (resists == (np.abs(own[:, 0]) > ROOM * middle)).all()
+    assert 0 < resists.sum() < len(own)
+
+
+def test_step_is_bent_by_residuals_with_their_multipliers():
+    place, assembly, matrix = place_of("planar", disturbed(VASE, 1e-3, 2), 1e3)
+    shift = np.random.default_rng(0).normal(size=place.state.residuals[0].shape)
+    multipliers = {place.state.goals[0].name: shift}
+    place = Place.of(
+        replace(place.state, multipliers=multipliers), assembly, place.guard, place.length
+    )
+    asked = []
+
+    class Asked:
+        def solve(self, rhs):
+            asked.append(rhs)
+            return np.full(len(rhs), np.nan)
+
+    # The way up: no share of it is taken.
+    up = -assembly.factor(matrix).solve(place.slope())
+    assert place.whole(up) == 1.0
+    place.line_search(up, Asked())
+    there = left_by(place.state.goals, assembly.moved(place.state.blocks, up))
+    shifted = [there[0] + shift / place.state.penalty, *there[1:]]
+    assert len(asked) == 1
+    assert np.allclose(asked[0], assembly.descent(place.parts, shifted), rtol=1e-12, atol=1e-15)
+
+
+def test_residuals_follow_terms_that_follow_the_unknowns():
+    mesh = disturbed(VASE, 1e-2, 2)
+    place, _, _ = place_of("conical", mesh, 1e3)
+    blocks = place.state.blocks | {"vertices": disturbed(mesh, 0.3, 3).vertices}
+    moved = replace(place.state, blocks=blocks, residuals=left_by(place.state.goals, blocks))
+    found = solver._refreshed(moved)
+    assert found.goals != moved.goals
+    for own, wanted in zip(found.residuals, left_by(found.goals, blocks), strict=True):
+        assert (own == wanted).all()
+
+
 @pytest.mark.parametrize("kind", ["planar", "conical", "circular"])
 @pytest.mark.parametrize(("penalty", "share"), [(1e3, 0.5), (1e6, 0.02)])
 def test_sharpened_step_is_that_of_its_multipliers_and_meets_the_goals(kind, penalty, share):
@@ -274,6 +322,40 @@ def test_old_factor_brings_a_disturbed_mesh_back_without_another(kind, factors):
             assert np.abs(after).max() <= goal.tolerance
     moved = np.linalg.norm(back.blocks["vertices"] - start.vertices, axis=1).max()
     assert moved < 3e-4 * start.mean_edge_length
+    # Those of the soft goals belong to the new places, too.
+    for found, wanted in zip(back.residuals, left_by(place.state.goals, back.blocks), strict=True):
+        assert (found == wanted).all()
+
+
+class Scaled:
+    """A factor whose solutions are too long or too short by a factor."""
+
+    def __init__(self, factor, scale):
+        self.factor, self.scale, self.count = factor, scale, 0
+
+    def solve(self, rhs, *, rough=False):
+        self.count += 1
+        return self.scale * self.factor.solve(rhs, rough=rough)
+
+
+class AllBroken:
+    """A guard that no places satisfy."""
+
+    def broken(self, vertices):
+        return np.ones(1, dtype=bool), np.zeros(1, dtype=bool)
+
+
+def test_rounds_end_where_they_lead_away_or_are_slow_or_break_a_face():
+    place, assembly, matrix = place_of("planar", disturbed(VASE, 1e-4, 2), 1e6)
+    factor = assembly.factor(matrix)
+    taken = place.line_search(0.0 * place.slope(), factor)
+    away = Scaled(factor, -1.0)
+    assert place.brought_back(taken, away) is taken
+    assert away.count == 1
+    half = Scaled(factor, 0.5)
+    assert place.brought_back(taken, half) is not taken
+    assert half.count == 1
+    assert replace(place, guard=AllBroken()).brought_back(taken, factor) is taken
 
 
 def test_drags_take_two_factorisations_at_most(factors):

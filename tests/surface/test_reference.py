@@ -6,6 +6,7 @@ from shapes import icosahedron, observed_orders, random_rotation, sampled, torus
 
 from pqmesh.mesh.exact import grid_mesh
 from pqmesh.mesh.quadmesh import PolyMesh
+from pqmesh.surface import reference
 from pqmesh.surface.analytic import torus as torus_surface
 from pqmesh.surface.reference import CREASE, SurfaceReference, TriangleReference
 
@@ -85,6 +86,28 @@ def test_one_large_triangle_among_many_small_ones_is_found():
     assert np.abs(feet - points * [1, 1, 0]).max() < 1e-12
     # The way to a foot at a distance of some hundredths: rounding of 10 over that.
     assert np.abs(np.abs(normals) - [0, 0, 1]).max() < 1e-11
+
+
+def test_points_as_far_from_all_triangles_take_no_more_memory(monkeypatch):
+    # In the middle of a sphere every triangle has to be asked by every point.
+    whole = reference_of(icosahedron()).corners
+    whole = np.concatenate([whole @ random_rotation(np.random.default_rng(k)) for k in range(30)])
+    points = 1e-12 * np.random.default_rng(0).normal(size=(50, 3))
+    feet, _, _ = TriangleReference(whole).closest(points)
+    plain, sizes = reference._closest_on_triangles, []
+
+    def seen(corners, points):
+        sizes.append(len(points))
+        return plain(corners, points)
+
+    monkeypatch.setattr(reference, "_closest_on_triangles", seen)
+    monkeypatch.setattr(reference, "PAIRS", 1000)
+    again, _, _ = TriangleReference(whole).closest(points)
+    assert (again == feet).all()
+    assert sum(sizes) >= 50 * len(whole)
+    assert max(sizes) <= 1000
+    gaps = np.linalg.norm(points - feet, axis=1)
+    assert np.abs(gaps - closest_by_force(whole, points)).max() < 1e-14
 
 
 def test_triangles_without_area_are_segments_and_points():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Protocol, Self
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -16,6 +16,8 @@ from pqmesh.vectors import TINY, Floats, Indices, Mask, cross, dot, norm, unit
 ON_IT = 1e-14
 # Triangles by the distance of their centres that are asked about first: the fans of six quads.
 NEAREST = 24
+# Pairs of points and triangles that are looked at together.
+PAIRS = 1 << 16
 # Cosine between the normals of a triangle and of its corner below which there is a crease: 40
 # degrees. Across the edge of a box the normal of both faces together leaves each by 45.
 CREASE = 0.766
@@ -64,6 +66,14 @@ class SurfaceReference:
         return replace(self, origin=origin if self.origin is None else self.origin + origin)
 
 
+class _Feet(NamedTuple):
+    """Closest points (N, 3) as far as they are known, their triangles (N,) and distances (N,)."""
+
+    places: Floats
+    triangles: Indices
+    gaps: Floats
+
+
 @dataclass(frozen=True, eq=False)
 class TriangleReference:
     """A triangle mesh with smooth normals: interpolated between those of the corners.
@@ -82,6 +92,7 @@ class TriangleReference:
     normals: Floats | None = None
     _tree: cKDTree = field(init=False, repr=False)
     _radii: Floats = field(init=False, repr=False)
+    _reach: float = field(init=False, repr=False)
     _creased: Mask = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -89,6 +100,7 @@ class TriangleReference:
         radii = norm(self.corners - centers[:, None]).max(axis=1)
         object.__setattr__(self, "_tree", cKDTree(centers))
         object.__setattr__(self, "_radii", radii)
+        object.__setattr__(self, "_reach", float(radii.max(initial=0.0)))
         own = _flat_normals(self.corners)[:, None]
         smooth = own if self.normals is None else self.normals
         creased = (norm(smooth - own) < OWN).any(axis=1)
@@ -126,44 +138,53 @@ class TriangleReference:
     def closest(self, points: Floats) -> tuple[Floats, Floats, TriangleReference]:
         """Exact closest points: nearest centres first, more of them until none can be missed."""
         n, count = len(points), min(NEAREST, len(self.corners))
-        feet, which, gaps = np.empty((n, 3)), np.zeros(n, dtype=np.int64), np.full(n, np.inf)
-        reach = float(self._radii.max())
+        found = _Feet(np.empty((n, 3)), np.zeros(n, dtype=np.int64), np.full(n, np.inf))
         open_rows = np.arange(n)
         while len(open_rows):
-            found = self._tree.query(points[open_rows], k=count)
-            distance, near = (np.asarray(part).reshape(-1, count) for part in found)
-            # A triangle lies within its radius of its centre: most cannot be the nearest.
-            least = distance - self._radii[near]
-            ranks = 0
-            while ranks < count:
-                # One, three, twelve, ... at a time: the nearer ones leave few of the others.
-                block = slice(ranks, min(4 * ranks, count) or 1)
-                gap = np.where(gaps > ON_IT * reach, gaps, 0.0)[open_rows]
-                chosen, rank = np.nonzero(least[:, block] < gap[:, None])
-                rows, triangles = open_rows[chosen], near[:, block][chosen, rank]
-                places = _closest_on_triangles(self.corners[triangles], points[rows])
-                away = norm(places - points[rows])
-                # The best of each point, the first of equals.
-                order = np.lexsort((away, rows))
-                order = order[np.diff(rows[order], prepend=-1) > 0]
-                order = order[away[order] < gaps[rows[order]]]
-                rows = rows[order]
-                feet[rows], which[rows] = places[order], triangles[order]
-                gaps[rows] = away[order]
-                ranks = block.stop
-            gap = gaps[open_rows]
-            done = (gap <= distance[:, -1] - reach) | (gap <= ON_IT * reach)
-            if count == len(self.corners):
-                break
-            open_rows, count = open_rows[~done], min(4 * count, len(self.corners))
+            # A point far off has very many: all at once would take memory and time.
+            size = max(PAIRS // count, 1)
+            parts = np.split(open_rows, range(size, len(open_rows), size))
+            open_rows = np.concatenate([self._asked(points, part, count, found) for part in parts])
+            count = min(4 * count, len(self.corners))
+        feet, which, _ = found
         normals = self._normals_at(feet, which)
         # Nearest to a crease, the way to the foot is the normal: it does not jump between the
         # triangles that meet there. Beyond the rim it runs along the surface and is none.
         way = points - feet
         length, along = norm(way), dot(way, normals)
-        turned = self._creased[which] & (np.abs(along) > 0.5 * length) & (length > 1e-9 * reach)
+        turned = (
+            self._creased[which] & (np.abs(along) > 0.5 * length) & (length > 1e-9 * self._reach)
+        )
         ways = unit(way) * np.sign(along)[:, None]
         return feet, np.where(turned[:, None], ways, normals), self
+
+    def _asked(self, points: Floats, rows: Indices, count: int, found: _Feet) -> Indices:
+        """Rows of points that need more than so many nearest centres; what is found is entered."""
+        feet, which, gaps = found
+        answer = self._tree.query(points[rows], k=count)
+        distance, near = (np.asarray(part).reshape(-1, count) for part in answer)
+        # A triangle lies within its radius of its centre: most cannot be the nearest.
+        least, reach = distance - self._radii[near], self._reach
+        ranks = 0
+        while ranks < count:
+            # One, three, twelve, ... at a time: the nearer ones leave few of the others.
+            block = slice(ranks, min(4 * ranks, count) or 1)
+            gap = np.where(gaps > ON_IT * reach, gaps, 0.0)[rows]
+            asked, rank = np.nonzero(least[:, block] < gap[:, None])
+            own, triangles = rows[asked], near[:, block][asked, rank]
+            places = _closest_on_triangles(self.corners[triangles], points[own])
+            away = norm(places - points[own])
+            # The best of each point, the first of equals.
+            order = np.lexsort((away, own))
+            order = order[np.diff(own[order], prepend=-1) > 0]
+            order = order[away[order] < gaps[own[order]]]
+            own = own[order]
+            feet[own], which[own], gaps[own] = places[order], triangles[order], away[order]
+            ranks = block.stop
+        if count == len(self.corners):
+            return rows[:0]
+        gap = gaps[rows]
+        return rows[(gap > distance[:, -1] - reach) & (gap > ON_IT * reach)]
 
     def about(self, origin: Floats) -> TriangleReference:
         """The same surface with places counted from an origin (3,)."""
