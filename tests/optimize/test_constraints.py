@@ -8,7 +8,7 @@ from pqmesh.errors import SpecError
 from pqmesh.io.formats import read_quad_mesh
 from pqmesh.mesh.exact import grid_mesh, rotational_mesh
 from pqmesh.mesh.measure import planarity
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.optimize.constraints import (
     Axis,
     Constraints,
@@ -53,7 +53,7 @@ MIDDLE = 40
 
 
 def reference_of(mesh):
-    return TriangleReference.of_polygons(mesh.vertices, mesh.faces.tolist())
+    return TriangleReference.of_polygons(mesh.vertices, mesh.topology.face_lists())
 
 
 def solved(start, parts, kind="planar", **options):
@@ -379,6 +379,19 @@ def test_face_held_by_the_boundary_is_named_and_the_rest_becomes_planar():
     assert f"({stuck.sum()} such" in found.reason
     assert found.residuals["planarity"] > 1e-3
     assert planarity(mesh)[~stuck].max(initial=0.0) <= 1e-11
+
+
+def test_faces_that_the_boundary_forbids_have_their_own_numbers_beside_triangles_and_polygons():
+    points = [[-1, 0.5, 0], [0, 0, 0], [0, 1, 0.3], [1, 0, 0], [1, 1, 0], [2, 0, 0.2], [2, 1, 0],
+              [3, 0, 0], [4, 0.5, 0.2], [3, 1, 0.3]]  # fmt: skip
+    faces = [[0, 1, 2], [1, 3, 4, 2], [3, 5, 6, 4], [5, 7, 8, 9, 6]]
+    strip = PolyMesh.of(points, faces)
+    found = optimized("circular", strip, reference_of(strip), boundary="fixed")
+    assert not found.converged
+    assert "face 1 (1, 3, 4, 2) is not flat" in found.reason
+    assert "(2 such: 1, 2)" in found.reason
+    assert "face 3 (5, 7, 8, 9, 6) is not flat, its corners are" in found.reason
+    assert "face 3 (5, 7, 8, 9, 6) has no circle" in found.reason
 
 
 def _without(mesh, gone):
