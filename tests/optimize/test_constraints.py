@@ -394,6 +394,38 @@ def test_faces_that_the_boundary_forbids_have_their_own_numbers_beside_triangles
     assert "face 3 (5, 7, 8, 9, 6) has no circle" in found.reason
 
 
+def skew_bowl():
+    """A net that is not conjugate, on a bowl."""
+    x, y = np.meshgrid(np.linspace(-2, 2, 9), np.linspace(-2, 2, 9), indexing="ij")
+    height = 0.4 * x * x - 0.1 * x * y + 0.25 * y * y + 0.05 * np.sin(3 * x + 1)
+    return grid_mesh(np.stack([x, y, height], axis=-1))
+
+
+def test_distance_that_no_pull_reaches_is_kept_by_a_bound():
+    start = skew_bowl()
+    free = optimized("planar", start, reference_of(start))
+    asked = 0.4 * far_from(start, free)
+    found = optimized("planar", start, reference_of(start), within=asked)
+    assert found.converged
+    assert far_from(start, found) <= asked
+    assert planarity(start.with_vertices(found.blocks["vertices"])).max() <= 1e-11
+
+
+def test_distance_that_a_fixed_rim_forbids_leaves_the_best_mesh():
+    start = skew_bowl()
+    above = start.with_vertices(start.vertices + np.array([0.0, 0.0, 0.3]))
+    found = optimized("planar", start, reference_of(above), boundary="fixed", within=0.05)
+    assert found.converged
+    rim = start.topology.is_boundary_vertex
+    assert (found.blocks["vertices"][rim] == start.vertices[rim]).all()
+
+
+def far_from(surface, found):
+    """Largest distance of the vertices of a solution to a mesh."""
+    vertices = found.blocks["vertices"]
+    return np.linalg.norm(reference_of(surface).closest(vertices)[0] - vertices, axis=1).max()
+
+
 def _without(mesh, gone):
     faces = np.delete(mesh.faces, gone, axis=0)
     used, flat = np.unique(faces, return_inverse=True)

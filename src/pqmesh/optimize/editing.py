@@ -32,8 +32,9 @@ BOLD = 1e6
 HANDLES, EDGES, FAIRNESS, ANCHOR = 1e2, 1e-2, 1e1, 1e-3
 MOST_STEPS = 12
 # One drag leads a handle no further than this, in mean edges. The steps of a drag have an end, and
-# where they end on the way no exact mesh has been found.
-REACH = 1.0
+# where they end on the way no exact mesh has been found. Then the next drags go less far: half as
+# far each, down to the second number.
+REACH, LEAST_REACH = 1.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +58,7 @@ class Editing:
     _problem: Problem
     _assembly: Assembly
     _guard: Guard
+    _reach: float = REACH
 
     @classmethod
     def of(
@@ -125,9 +127,9 @@ class Editing:
     def dragged(self, targets: ArrayLike) -> tuple[Editing, Solution]:
         """The editing with its handles near targets (n, 3), and how the step went.
 
-        Targets farther away than a mean edge are neared by that much; drag again while there are
-        `gaps`. Where the solution did not converge, its mesh is the best one found, and no face of
-        it is broken: the caller may keep it or go back.
+        Targets farther away than a mean edge are neared by that much, or by less where the mesh
+        does not follow; drag again while there are `gaps`. Where the solution did not converge, its
+        mesh is the best one found, and no face of it is broken: the caller may keep it or go back.
 
         Raises
         ------
@@ -141,7 +143,7 @@ class Editing:
                 f"shape ({len(self.handles)}, 3); found shape {wanted.shape}. Give a row for each."
             )
         way = wanted - self.mesh.vertices[self.handles]
-        reach = REACH * self.rest.mean_edge_length
+        reach = self._reach * self.rest.mean_edge_length
         far = norm(way) > reach
         wanted[far] = self.mesh.vertices[self.handles[far]] + reach * unit(way[far])
         goals = tuple(
@@ -161,7 +163,9 @@ class Editing:
         )
         mesh = self.mesh.with_vertices(solution.blocks["vertices"])
         following = replace(problem, blocks={**problem.blocks, **solution.blocks})
-        return replace(self, mesh=mesh, _problem=following), solution
+        stays = far.any() and bool((mesh.vertices == self.mesh.vertices).all())
+        reach = max(0.5 * self._reach, LEAST_REACH) if stays else min(2.0 * self._reach, REACH)
+        return replace(self, mesh=mesh, _problem=following, _reach=reach), solution
 
     def gaps(self, targets: ArrayLike) -> Floats:
         """Distances (n,) of the handles from targets (n, 3), model unit."""
