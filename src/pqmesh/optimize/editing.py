@@ -143,9 +143,9 @@ class Editing:
                 f"shape ({len(self.handles)}, 3); found shape {wanted.shape}. Give a row for each."
             )
         way = wanted - self.mesh.vertices[self.handles]
-        reach = self._reach * self.rest.mean_edge_length
-        far = norm(way) > reach
-        wanted[far] = self.mesh.vertices[self.handles[far]] + reach * unit(way[far])
+        gaps, edge = norm(way), self.rest.mean_edge_length
+        far = gaps > self._reach * edge
+        wanted[far] = self.mesh.vertices[self.handles[far]] + self._reach * edge * unit(way[far])
         goals = tuple(
             replace(goal, term=_aimed(goal.term, wanted)) if goal.name == "handles" else goal
             for goal in self._problem.goals
@@ -163,7 +163,7 @@ class Editing:
         )
         mesh = self.mesh.with_vertices(solution.blocks["vertices"])
         following = replace(problem, blocks={**problem.blocks, **solution.blocks})
-        stays = far.any() and bool((mesh.vertices == self.mesh.vertices).all())
+        stays = gaps.max() > LEAST_REACH * edge and (mesh.vertices == self.mesh.vertices).all()
         reach = max(0.5 * self._reach, LEAST_REACH) if stays else min(2.0 * self._reach, REACH)
         return replace(self, mesh=mesh, _problem=following, _reach=reach), solution
 

@@ -171,6 +171,8 @@ class _Asked:
         # What is soft holds on to the start, as before.
         held = self.problem(weights, self.start, flat)
         _, blocks = hard_goals(self.kind, found, flat_edges=flat)
+        # Axes are measured in mean edges of the mesh that the goals are made for.
+        blocks["axes"] = blocks["axes"] * (self.start.mean_edge_length / found.mean_edge_length)
         return self.solved(replace(held, blocks={**held.blocks, **blocks}), found, resting)
 
     def by_levels(self) -> Solution | None:
