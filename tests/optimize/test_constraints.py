@@ -551,6 +551,9 @@ CONTRADICTIONS = {
     "vertex 40 has another axis": FLAT,
     "no edge has all its vertices among the 2": (EdgeLengths(1.0, vertices=(0, 80)),),
     "vertex 40 lies inside": (Glide((40,)),),
+    "A node axis must have two faces or more at its vertex; vertex 0 has one": (
+        Axis((0,), (0, 0, 1)),
+    ),
     "takes vertex .* near itself, .* from the axis": (Rotation((0, 0, 0), (0, 0, 1), 1000),),
     "Flat polylines must be at least one of more than three vertices": None,
 }
