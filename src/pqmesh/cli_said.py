@@ -156,10 +156,13 @@ def optimized_notes(report: dict[str, Any]) -> list[str]:
             "twist=DEGREES), or bend the start there."
         )
     if missed and missed <= {*LENGTHS, "area"}:
+        kind = report["kind"]
+        ways = ["--within LENGTH"] if "deviation" in missed else []
+        ways += ["--tolerance KEY=VALUE"] if missed != {"deviation"} else []
+        less = "" if kind == "planar" else "ask for less (--kind planar), "
         notes.append(
-            f"The mesh is {report['kind']}, but not where it was. Allow that (--tolerance "
-            f"KEY=VALUE), ask for less (--kind planar), or panel the surface anew along its lines "
-            f"of curvature (pqmesh panelize)."
+            f"The mesh is {kind}, but not where it was. Allow that ({', '.join(ways)}), {less}or "
+            f"panel the surface anew along its lines of curvature (pqmesh panelize)."
         )
     return notes
 

@@ -123,9 +123,10 @@ def limits(texts: list[str] | None) -> dict[str, float]:
     """Limits of KEY=VALUE, numbers above 0; one alone is that of planarity."""
     found = {}
     for text in texts or []:
-        key, _, value = text.rpartition("=")
+        key, equals, value = text.rpartition("=")
         number = number_or_text(value)
-        if not (isinstance(number, float) and 0 < number < math.inf):
+        is_named = not equals or bool(key.strip())
+        if not (is_named and isinstance(number, float) and 0 < number < math.inf):
             raise SpecError(
                 f"--tolerance must be a number above 0, or KEY=NUMBER; found {text[:80]!r}. Write "
                 f"--tolerance 1e-9 or --tolerance area=0.05, say."

@@ -124,6 +124,7 @@ OPTIONS = {
     ("--within", "nan"): "--within must be a number above 0",
     ("--within", "-1"): "--within must be a number above 0; found -1",
     ("--kind", "conic"): "'conic' is not one of",
+    ("--tolerance", "=1e-3"): "must be a number above 0, or KEY=NUMBER; found '=1e-3'",
     ("--boundary", "x"): "'x' is not one of",
     ("--reference", "none.obj"): "none.obj: the file must exist",
     ("--reference", "none.toml"): "none.toml must exist",
@@ -309,9 +310,20 @@ def test_within_out_of_reach_is_code_3_with_the_files_there(
     result = pqmesh("optimize", wavy, "-o", "out.obj", *options)
     assert result.code == 3
     assert "not reached: deviation" in result.err
+    assert "Allow that (--within LENGTH), ask for less (--kind planar), or" in result.err
     report = json.loads((tmp_path / "out.json").read_text())
     assert [row["key"] for row in report["tolerance"] if not row["pass"]] == ["deviation"]
     read_quad_mesh(tmp_path / "out.obj")
+
+
+def test_planar_mesh_that_went_too_far_is_told_no_lesser_kind(
+    pqmesh: Command, tmp_path: Path, wavy: Path
+) -> None:
+    limits = ["--tolerance", "deviation_rms=1e-9", "--tolerance", "area=1e-9"]
+    result = pqmesh("optimize", wavy, "-o", "out.obj", "--kind", "planar", *limits)
+    assert result.code == 3
+    said = "The mesh is planar, but not where it was. Allow that (--tolerance KEY=VALUE), or panel"
+    assert said in result.err
 
 
 def test_same_optimisation_gives_the_same_bytes(

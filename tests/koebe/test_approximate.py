@@ -1,14 +1,18 @@
 """Approximation of surface patches: exact where the surface allows, honest where not."""
 
+import re
+
 import numpy as np
 import pytest
 
 from pqmesh.errors import NetworkError
 from pqmesh.koebe.approximate import FitWeights, approximate_edge_offset
+from pqmesh.koebe.best import HELD, edge_offset_solution
 from pqmesh.koebe.edge_offset import edge_offset_test
 from pqmesh.koebe.families import square_koebe
 from pqmesh.koebe.square_patch import square_edges, square_patch
 from pqmesh.koebe.terms import Tangency
+from pqmesh.mesh.exact import grid_mesh
 from pqmesh.mesh.measure import planarity
 from pqmesh.network.kinds import trace_network
 from pqmesh.network.meshing import quads_from_network
@@ -19,6 +23,7 @@ from pqmesh.surface.analytic import shape_surface
 from pqmesh.surface.closest import closest_point
 from pqmesh.surface.curvature import shape_data
 from pqmesh.surface.formula import graph_surface
+from pqmesh.surface.reference import TriangleReference
 from pqmesh.surface.umbilics import conjugacy_defect
 from pqmesh.vectors import cross, dot, norm, unit
 
@@ -172,6 +177,17 @@ def test_panels_stay_off_the_surface_by_the_rise_of_its_curves():
         along = np.abs(np.einsum("fdi,fi->fd", shape.directions, unit(edges[:, side])))
         rise += np.abs(shape.k[np.arange(len(rise)), along.argmax(axis=1)]) * mean**2 / 8
     assert np.abs(fit.panel_deviation / rise - 1.0).max() < 0.02
+
+
+def test_faces_that_are_broken_twice_are_counted_once():
+    # A net of asymptotic lines: the nearest mesh with edge offsets is folded all over.
+    u, v = np.meshgrid(np.linspace(-1, 1, 6), np.linspace(-1, 1, 6), indexing="ij")
+    start = grid_mesh(np.stack([u, v, u * v], axis=-1))
+    itself = TriangleReference.of_polygons(start.vertices, start.topology.face_lists())
+    found, _ = edge_offset_solution(start, itself, start.vertex_normals, weights=HELD)
+    count = int(re.search(r"the nearest has (\d+) broken faces", found.reason).group(1))
+    assert not found.converged
+    assert 0 < count <= start.topology.n_faces
 
 
 def test_stronger_anchor_slides_less():

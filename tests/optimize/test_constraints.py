@@ -8,7 +8,7 @@ from pqmesh.errors import SpecError
 from pqmesh.io.formats import read_quad_mesh
 from pqmesh.mesh.exact import grid_mesh, rotational_mesh
 from pqmesh.mesh.measure import planarity
-from pqmesh.mesh.quadmesh import QuadMesh
+from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.optimize.constraints import (
     Axis,
     Constraints,
@@ -53,7 +53,7 @@ MIDDLE = 40
 
 
 def reference_of(mesh):
-    return TriangleReference.of_polygons(mesh.vertices, mesh.faces.tolist())
+    return TriangleReference.of_polygons(mesh.vertices, mesh.topology.face_lists())
 
 
 def solved(start, parts, kind="planar", **options):
@@ -381,6 +381,51 @@ def test_face_held_by_the_boundary_is_named_and_the_rest_becomes_planar():
     assert planarity(mesh)[~stuck].max(initial=0.0) <= 1e-11
 
 
+def test_faces_that_the_boundary_forbids_have_their_own_numbers_beside_triangles_and_polygons():
+    points = [[-1, 0.5, 0], [0, 0, 0], [0, 1, 0.3], [1, 0, 0], [1, 1, 0], [2, 0, 0.2], [2, 1, 0],
+              [3, 0, 0], [4, 0.5, 0.2], [3, 1, 0.3]]  # fmt: skip
+    faces = [[0, 1, 2], [1, 3, 4, 2], [3, 5, 6, 4], [5, 7, 8, 9, 6]]
+    strip = PolyMesh.of(points, faces)
+    found = optimized("circular", strip, reference_of(strip), boundary="fixed")
+    assert not found.converged
+    assert "face 1 (1, 3, 4, 2) is not flat" in found.reason
+    assert "(2 such: 1, 2)" in found.reason
+    assert "face 3 (5, 7, 8, 9, 6) is not flat, its corners are" in found.reason
+    assert "face 3 (5, 7, 8, 9, 6) has no circle" in found.reason
+
+
+def skew_bowl():
+    """A net that is not conjugate, on a bowl."""
+    x, y = np.meshgrid(np.linspace(-2, 2, 9), np.linspace(-2, 2, 9), indexing="ij")
+    height = 0.4 * x * x - 0.1 * x * y + 0.25 * y * y + 0.05 * np.sin(3 * x + 1)
+    return grid_mesh(np.stack([x, y, height], axis=-1))
+
+
+def test_distance_that_no_pull_reaches_is_kept_by_a_bound():
+    start = skew_bowl()
+    free = optimized("planar", start, reference_of(start))
+    asked = 0.4 * far_from(start, free)
+    found = optimized("planar", start, reference_of(start), within=asked)
+    assert found.converged
+    assert far_from(start, found) <= asked
+    assert planarity(start.with_vertices(found.blocks["vertices"])).max() <= 1e-11
+
+
+def test_distance_that_a_fixed_rim_forbids_leaves_the_best_mesh():
+    start = skew_bowl()
+    above = start.with_vertices(start.vertices + np.array([0.0, 0.0, 0.3]))
+    found = optimized("planar", start, reference_of(above), boundary="fixed", within=0.05)
+    assert found.converged
+    rim = start.topology.is_boundary_vertex
+    assert (found.blocks["vertices"][rim] == start.vertices[rim]).all()
+
+
+def far_from(surface, found):
+    """Largest distance of the vertices of a solution to a mesh."""
+    vertices = found.blocks["vertices"]
+    return np.linalg.norm(reference_of(surface).closest(vertices)[0] - vertices, axis=1).max()
+
+
 def _without(mesh, gone):
     faces = np.delete(mesh.faces, gone, axis=0)
     used, flat = np.unique(faces, return_inverse=True)
@@ -506,6 +551,9 @@ CONTRADICTIONS = {
     "vertex 40 has another axis": FLAT,
     "no edge has all its vertices among the 2": (EdgeLengths(1.0, vertices=(0, 80)),),
     "vertex 40 lies inside": (Glide((40,)),),
+    "A node axis must have two faces or more at its vertex; vertex 0 has one": (
+        Axis((0,), (0, 0, 1)),
+    ),
     "takes vertex .* near itself, .* from the axis": (Rotation((0, 0, 0), (0, 0, 1), 1000),),
     "Flat polylines must be at least one of more than three vertices": None,
 }

@@ -85,6 +85,20 @@ def test_drag_that_would_break_faces_leaves_them_whole():
     assert measures(found.mesh)["edge_min"] > 0.1 * measures(VASE)["edge_min"]
 
 
+@pytest.mark.parametrize("kind", ["planar", "conical"])
+def test_target_far_away_is_neared_by_an_edge_with_each_drag(kind):
+    edge = VASE.mean_edge_length
+    target = VASE.vertices[[MIDDLE]] + 3.6 * edge * VASE.vertex_normals[[MIDDLE]]
+    editing, gaps = Editing.of(kind, VASE, [MIDDLE]), []
+    for _ in range(4):
+        editing, solution = editing.dragged(target)
+        assert solution.converged
+        assert measures(editing.mesh)["planarity_max"] < 1e-6
+        assert not len(nonconvex_faces(editing.mesh))
+        gaps.append(float(editing.gaps(target)[0] / edge))
+    assert gaps == pytest.approx([2.6, 1.6, 0.6, 0.0], abs=0.02)
+
+
 def test_same_drags_give_the_same_bytes():
     one, other = (
         [

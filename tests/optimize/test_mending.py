@@ -5,13 +5,14 @@ import pytest
 from shapes import curved_mesh, dodecahedron, football, lantern
 
 from pqmesh.io.formats import read_mesh
-from pqmesh.mesh.exact import rotational_mesh
+from pqmesh.mesh.exact import grid_mesh, rotational_mesh
 from pqmesh.mesh.measure import fitted_cones, flipped_faces, nonconvex_faces, planarity
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.optimize.faults import broken_faces, faces_touching, surroundings
 from pqmesh.optimize.guard import LEAST_SINE, Guard, least_sines
 from pqmesh.optimize.mending import LEAST_MENDED, mended
 from pqmesh.optimize.recipes import problem_for
+from pqmesh.optimize.schedule import optimized
 from pqmesh.optimize.solver import solve
 from pqmesh.optimize.untangling import PRESSURES, _Energy
 from pqmesh.surface.reference import TriangleReference
@@ -301,3 +302,17 @@ def test_fault_planted_in_a_real_mesh_is_mended_and_it_becomes_planar(data_folde
     assert solution.converged
     assert planarity(result).max() <= 1e-11
     assert len(nonconvex_faces(result)) == len(flipped_faces(result)) == 0
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-9, -1e-9, 1e-4])
+def test_quad_that_starts_with_a_straight_corner_does_not_become_a_dart(off):
+    x, y = np.meshgrid(np.linspace(-2, 2, 9), np.linspace(-2, 2, 9), indexing="ij")
+    height = 0.4 * x * x - 0.1 * x * y + 0.25 * y * y + 0.05 * np.sin(3 * x + 1)
+    start = grid_mesh(np.stack([x, y, height], axis=-1))
+    points = start.vertices.copy()
+    points[40] = 0.5 * (points[39] + points[49]) + np.array([off, 0.0, 0.0])
+    start = start.with_vertices(points)
+    itself = TriangleReference.of_polygons(points, start.topology.face_lists())
+    found = optimized("planar", start, itself, boundary="fixed")
+    assert found.converged
+    assert not len(nonconvex_faces(start.with_vertices(found.blocks["vertices"])))

@@ -266,3 +266,14 @@ def test_ring_of_quads_triangles_and_polygons_becomes_planar_with_every_boundary
 
 def test_kinds_are_known_by_their_names():
     assert KINDS == ("planar", "conical", "circular", "conical-circular")
+
+
+def test_axes_of_irregular_vertices_do_not_depend_on_the_unit():
+    # A power of two changes no digit of a coordinate; 1e9 all of them.
+    start = noisy(crown(5), 0.05)
+    here, _ = optimised("conical", start)
+    for unit in (2.0**30, 1e9, 1e-9):
+        there, found = optimised("conical", start.with_vertices(unit * start.vertices))
+        assert found.converged
+        gap = np.abs(there.vertices / unit - here.vertices).max()
+        assert gap < 1e-7 * start.mean_edge_length

@@ -120,7 +120,7 @@ def test_jacobians_of_polygon_terms_equal_central_differences(k):
     rng = np.random.default_rng(k)
     rows = convex_polygon(k, rng) + 0.1 * rng.normal(size=(3, k, 3))
     with_axis = np.concatenate([rows, rng.normal(size=(3, 1, 3))], axis=1)
-    terms = [(Cone({"vertices": np.empty((0, k)), "axes": np.empty((0, 1))}), with_axis)]
+    terms = [(Cone({"vertices": np.empty((0, k)), "axes": np.empty((0, 1))}, 1.0), with_axis)]
     if k > 3:
         terms.append((PolygonPlanarity({}, warp_modes(k), 0.7), rows))
     for term, at in terms:

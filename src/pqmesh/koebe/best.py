@@ -71,10 +71,10 @@ def edge_offset_solution(
     except (MeshError, ArithmeticError) as error:
         return _nearly(start, reference, progress, " ".join(str(error).split()))
     broken, before = (
-        len(nonconvex_faces(mesh)) + len(flipped_faces(mesh)) for mesh in (fit.mesh, start)
+        np.union1d(nonconvex_faces(mesh), flipped_faces(mesh)) for mesh in (fit.mesh, start)
     )
-    if broken > before:
-        return _nearly(start, reference, progress, f"the nearest has {broken} broken faces.")
+    if len(np.setdiff1d(broken, before)):
+        return _nearly(start, reference, progress, f"the nearest has {len(broken)} broken faces.")
     image = fit.image.vertices
     if float(np.einsum("vi,vi->", image, normals)) < 0.0:
         image = -image

@@ -22,14 +22,15 @@ from pqmesh.optimize.terms import (
     PanelArea,
     PanelWidth,
     Planarity,
+    PolygonPlanarity,
     Symmetry,
     Within,
 )
 from pqmesh.vectors import Floats, Indices, norm
 
-FIGURES = (Planarity, Circularity, Conicality)
+FIGURES = (Planarity, PolygonPlanarity, Circularity, Conicality)
 # Terms whose residual is a length over the mean edge.
-LENGTHS = (Planarity, OnCurve, OnPlanes, Symmetry, Within)
+LENGTHS = (Planarity, PolygonPlanarity, OnCurve, OnPlanes, Symmetry, Within)
 ROUNDINGS, EPSILON = 4.0, float(np.finfo(np.float64).eps)
 # Planes of one vertex agree when their common point misses each by less, in mean edges.
 AGREE = 1e-9
@@ -161,6 +162,8 @@ def said(found: Hopeless, mesh: PolyMesh) -> str:
     much = f"{beyond * mesh.mean_edge_length:.4g}" if isinstance(term, LENGTHS) else f"{beyond:.4g}"
     if isinstance(term, Planarity):
         return f"face {_face(mesh, rows)} is not flat, its diagonals are {much} apart"
+    if isinstance(term, PolygonPlanarity):
+        return f"face {_face(mesh, rows)} is not flat, its corners are {much} out of plane"
     if isinstance(term, Circularity):
         return f"face {_face(mesh, rows)} has no circle, its angles are off by {much} rad"
     if isinstance(term, Conicality):
@@ -178,10 +181,17 @@ def said(found: Hopeless, mesh: PolyMesh) -> str:
 
 def _face(mesh: PolyMesh, rows: Indices) -> str:
     """Number and vertices of the face with the given corners."""
-    same = np.isin(mesh.topology.indices, rows)
-    inside = np.bincount(mesh.topology.corner_faces, same, minlength=mesh.topology.n_faces)
-    number = int(np.flatnonzero(inside == mesh.topology.face_sizes)[0])
-    return f"{number} ({', '.join(map(str, rows.tolist()))})"
+    number = _number(mesh, rows)
+    return f"{number} ({', '.join(map(str, mesh.topology.face_lists()[number]))})"
+
+
+def _number(mesh: PolyMesh, rows: Indices) -> int:
+    """The face with the given corners, which may be some of a polygon's."""
+    topology = mesh.topology
+    same = np.isin(topology.indices, rows)
+    inside = np.bincount(topology.corner_faces, same, minlength=topology.n_faces)
+    with_all = np.flatnonzero(inside == len(rows))
+    return int(with_all[topology.face_sizes[with_all].argmin()])
 
 
 def forbidden(found: list[Hopeless], mesh: PolyMesh) -> str:
@@ -191,9 +201,10 @@ def forbidden(found: list[Hopeless], mesh: PolyMesh) -> str:
         line = said(each, mesh)
         if len(each.elements) > 1:
             line += f" ({len(each.elements)} such"
-            if isinstance(each.goal.term, Planarity):
-                numbers = each.elements[np.argsort(-each.beyond, kind="stable")][:MOST_NAMED]
-                line += f": {', '.join(map(str, numbers.tolist()))}"
+            if isinstance(each.goal.term, Planarity | PolygonPlanarity):
+                worst = each.elements[np.argsort(-each.beyond, kind="stable")][:MOST_NAMED]
+                corners = each.goal.term.stencils["vertices"][worst]
+                line += f": {', '.join(str(_number(mesh, rows)) for rows in corners)}"
                 line += ", ..." if len(each.elements) > MOST_NAMED else ""
             line += ")"
         lines.append(line)

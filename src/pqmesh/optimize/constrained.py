@@ -274,7 +274,13 @@ def _symmetric(
 @_wanted.register
 def _(part: asked.Axis, mesh: PolyMesh, reference: Reference) -> list[_Wanted]:
     chosen = selected(part.vertices, mesh)
-    return [_Wanted(NodeAxis.on(mesh, chosen, part.direction), tolerance=1e-11)]
+    term = NodeAxis.on(mesh, chosen, part.direction)
+    if not len(term.axes):
+        raise SpecError(
+            f"A node axis must have two faces or more at its vertex; vertex {chosen[0]} has one. "
+            f"Choose others, or leave the constraint out."
+        )
+    return [_Wanted(term, tolerance=1e-11)]
 
 
 @_wanted.register

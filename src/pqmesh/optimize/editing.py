@@ -20,7 +20,7 @@ from pqmesh.optimize.problem import Goal, Problem
 from pqmesh.optimize.recipes import hard_goals
 from pqmesh.optimize.solver import Solution, solve
 from pqmesh.optimize.terms import Combination, anchor, fairness, held_edges
-from pqmesh.vectors import Floats, Indices, Mask, norm, read_only
+from pqmesh.vectors import Floats, Indices, Mask, norm, read_only, unit
 
 # A drag ends once the hard goals are this well met and no vertex moves further than the second
 # number, in mean edges: the next drag goes on from there.
@@ -31,6 +31,10 @@ BOLD = 1e6
 # freedom. Smoothness counts more than lengths, so that a drag bends a region and makes no peak.
 HANDLES, EDGES, FAIRNESS, ANCHOR = 1e2, 1e-2, 1e1, 1e-3
 MOST_STEPS = 12
+# One drag leads a handle no further than this, in mean edges. The steps of a drag have an end, and
+# where they end on the way no exact mesh has been found. Then the next drags go less far: half as
+# far each, down to the second number.
+REACH, LEAST_REACH = 1.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +58,7 @@ class Editing:
     _problem: Problem
     _assembly: Assembly
     _guard: Guard
+    _reach: float = REACH
 
     @classmethod
     def of(
@@ -122,20 +127,25 @@ class Editing:
     def dragged(self, targets: ArrayLike) -> tuple[Editing, Solution]:
         """The editing with its handles near targets (n, 3), and how the step went.
 
-        Where the solution did not converge, its mesh is the best one found, and no face of it is
-        broken: the caller may keep it or go back.
+        Targets farther away than a mean edge are neared by that much, or by less where the mesh
+        does not follow; drag again while there are `gaps`. Where the solution did not converge, its
+        mesh is the best one found, and no face of it is broken: the caller may keep it or go back.
 
         Raises
         ------
         SpecError
             For targets that are not one finite point for each handle.
         """
-        wanted = np.asarray(targets, dtype=np.float64)
+        wanted = np.array(targets, dtype=np.float64)
         if wanted.shape != (len(self.handles), 3) or not np.isfinite(wanted).all():
             raise SpecError(
                 f"Targets must be one finite point for each of the {len(self.handles)} handles, "
                 f"shape ({len(self.handles)}, 3); found shape {wanted.shape}. Give a row for each."
             )
+        way = wanted - self.mesh.vertices[self.handles]
+        gaps, edge = norm(way), self.rest.mean_edge_length
+        far = gaps > self._reach * edge
+        wanted[far] = self.mesh.vertices[self.handles[far]] + self._reach * edge * unit(way[far])
         goals = tuple(
             replace(goal, term=_aimed(goal.term, wanted)) if goal.name == "handles" else goal
             for goal in self._problem.goals
@@ -153,7 +163,9 @@ class Editing:
         )
         mesh = self.mesh.with_vertices(solution.blocks["vertices"])
         following = replace(problem, blocks={**problem.blocks, **solution.blocks})
-        return replace(self, mesh=mesh, _problem=following), solution
+        stays = gaps.max() > LEAST_REACH * edge and (mesh.vertices == self.mesh.vertices).all()
+        reach = max(0.5 * self._reach, LEAST_REACH) if stays else min(2.0 * self._reach, REACH)
+        return replace(self, mesh=mesh, _problem=following, _reach=reach), solution
 
     def gaps(self, targets: ArrayLike) -> Floats:
         """Distances (n,) of the handles from targets (n, 3), model unit."""

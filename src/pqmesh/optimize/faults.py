@@ -9,11 +9,9 @@ from scipy.sparse import coo_array, csr_array
 
 from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.mesh.topology import Topology
-from pqmesh.optimize.guard import least_sines
+from pqmesh.optimize.guard import BENT_BACK, NO_AREA, least_sines
 from pqmesh.vectors import TINY, Floats, Mask, dot, norm, unit
 
-# Sines of corners above this are straight to the digits of a file: no reason to mend.
-BENT_BACK = -1e-3
 # An edge below this share of the longest of its face has collapsed.
 COLLAPSED = 1e-4
 # Rounds in which normals and sizes spread from valid faces into what is broken.
@@ -35,7 +33,7 @@ def broken_faces(mesh: PolyMesh) -> Mask:
     lengths = mesh.edge_lengths[topology.face_edges]
     longest = np.maximum.reduceat(lengths, topology.offsets[:-1])
     shortest = np.minimum.reduceat(lengths, topology.offsets[:-1])
-    flat = norm(mesh.face_area_vectors) <= 1e-12 * longest**2
+    flat = norm(mesh.face_area_vectors) <= NO_AREA * longest**2
     return np.asarray(
         (least_sines(mesh) < BENT_BACK) | flat | (shortest < COLLAPSED * longest), dtype=np.bool_
     )

@@ -14,6 +14,11 @@ from pqmesh.vectors import TINY, Floats, Mask, cross, dot, norm
 # A corner may close or open until the sine between its edges, signed by the face normal, is
 # this small; a face that starts below keeps half of what it has.
 LEAST_SINE = 0.1
+# Sines of corners above this are straight to the digits of a file: sound, and no reason to mend.
+# Such a corner may bend back by the second number more, so that it is not held by roundings.
+BENT_BACK, YIELD = -1e-3, 1e-6
+# A face has no area up to this share of the square of its longest edge.
+NO_AREA = 1e-12
 # Corners of polygons within this angle of pi, in radians, are straight.
 STRAIGHT = 0.2
 # Edges keep this share of the mesh's shortest start edge, and of their own start length.
@@ -68,9 +73,13 @@ class Guard:
     def of(cls, mesh: PolyMesh) -> Guard:
         """Limits for a start mesh."""
         bends = _bends(mesh)
-        sines, _ = _sines_and_areas(mesh, mesh.vertices, bends)
-        least = np.where(sines > 0, np.minimum(LEAST_SINE, 0.5 * sines), -np.inf)
+        sines, areas = _sines_and_areas(mesh, mesh.vertices, bends)
         lengths = mesh.edge_lengths
+        # Faces without area have no sines.
+        longest = np.maximum.reduceat(lengths[mesh.topology.face_edges], mesh.topology.offsets[:-1])
+        sound = (sines > BENT_BACK) & (norm(areas) > NO_AREA * longest**2)
+        straight = np.where(sound, sines - YIELD, -np.inf)
+        least = np.where(sines > YIELD, np.minimum(LEAST_SINE, 0.5 * sines), straight)
         edges = np.maximum(LEAST_EDGE * lengths.min(), LEAST_OWN_EDGE * lengths)
         return cls(mesh, least, bends, edges, mesh.face_normals)
 

@@ -8,11 +8,12 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from pqmesh.errors import SpecError
 from pqmesh.mesh.conjugacy import conjugacy
 from pqmesh.mesh.measure import planarity
 from pqmesh.mesh.quadmesh import PolyMesh, QuadMesh
 from pqmesh.optimize.conflicts import Hopeless, answered, hopeless, without
-from pqmesh.optimize.constraints import Constraints
+from pqmesh.optimize.constraints import Constraints, Within
 from pqmesh.optimize.ending import OUT_OF_MEMORY, SETTLED
 from pqmesh.optimize.guard import Guard
 from pqmesh.optimize.multilevel import coarse_to_fine
@@ -53,7 +54,8 @@ def optimized(
 
     A strong pull to the reference keeps the design, but may hold a mesh that has far to go in
     front of a fold; then the pull is relaxed and the try repeated from the start. With `within`
-    the pull is raised until every vertex is that close.
+    the pull is raised until every vertex is that close; where no pull does, the distance becomes a
+    bound.
 
     Parameters
     ----------
@@ -169,6 +171,8 @@ class _Asked:
         # What is soft holds on to the start, as before.
         held = self.problem(weights, self.start, flat)
         _, blocks = hard_goals(self.kind, found, flat_edges=flat)
+        # Axes are measured in mean edges of the mesh that the goals are made for.
+        blocks["axes"] = blocks["axes"] * (self.start.mean_edge_length / found.mean_edge_length)
         return self.solved(replace(held, blocks={**held.blocks, **blocks}), found, resting)
 
     def by_levels(self) -> Solution | None:
@@ -212,12 +216,22 @@ class _Asked:
         """The solution pulled to the surface until it is so near, as far as that is possible."""
         distance = self._distance(best)
         while distance > within and weights.closeness * FACTOR <= STRONGEST:
-            weights = replace(weights, closeness=weights.closeness * FACTOR)
-            solution = self._attempt(weights, first)
+            stronger = replace(weights, closeness=weights.closeness * FACTOR)
+            solution = self._attempt(stronger, first)
             if not solution.converged or self._distance(solution) > distance:
                 break
-            best, distance = solution, self._distance(solution)
-        return best
+            best, weights, distance = solution, stronger, self._distance(solution)
+        return self._bounded(weights, first, within) or best if distance > within else best
+
+    def _bounded(self, weights: Weights, first: PolyMesh, within: float) -> Solution | None:
+        """The solution that is kept so near by a bound, where there is one."""
+        parts = () if self.constraints is None else self.constraints.parts
+        bounded = replace(self, constraints=Constraints((*parts, Within(within))))
+        try:
+            solution = bounded._attempt(weights, first)
+        except SpecError:
+            return None  # Vertices that may not move are farther away.
+        return solution if solution.converged else None
 
     def _attempt(self, weights: Weights, first: PolyMesh) -> Solution:
         return self.solved(self.problem(weights, first), first)

@@ -17,15 +17,17 @@ NONE = np.empty(0, dtype=np.int64)
 
 @dataclass(frozen=True, eq=False)
 class Cone:
-    """n_f . w - 1 for every face f at an interior vertex of valence above 4.
+    """n_f . w / L - 1 for every face f at an interior vertex of valence above 4.
 
-    w is a row of the block `axes`: the move of the vertex when all its faces move by 1. Three
-    faces always touch a cone, and four have their balance of angles (`Conicality`).
+    w is a row of the block `axes`: the move of the vertex when all its faces move by a mean edge L,
+    so that it is as large as coordinates of vertices in any unit. Three faces always touch a cone,
+    and four have their balance of angles (`Conicality`).
 
     References: theory of conical vertices of any valence, errata page, E15.
     """
 
     stencils: Mapping[str, Indices]
+    length: float
 
     @classmethod
     def on(cls, mesh: PolyMesh, size: int = 4, also: Indices = NONE) -> Cone:
@@ -41,7 +43,8 @@ class Cone:
             )
             axes.append(axis[chosen][:, None])
             count += len(vertices)
-        return cls({"vertices": np.concatenate(corners), "axes": np.concatenate(axes)})
+        stencils = {"vertices": np.concatenate(corners), "axes": np.concatenate(axes)}
+        return cls(stencils, mesh.mean_edge_length)
 
     @staticmethod
     def vertices(mesh: PolyMesh, also: Indices = NONE) -> Indices:
@@ -52,18 +55,19 @@ class Cone:
     def start_axes(mesh: PolyMesh, also: Indices = NONE) -> Floats:
         """Least-squares vectors w of the mesh, in the row order of `on`, shape (n, 3)."""
         parts = [common_vectors(mesh.face_normals[around]) for _, around in _with_axes(mesh, also)]
-        return np.concatenate([np.empty((0, 3)), *parts])
+        return mesh.mean_edge_length * np.concatenate([np.empty((0, 3)), *parts])
 
     def evaluate(self, rows: Floats) -> tuple[Floats, Floats]:
         """Residuals (m, 1) and Jacobian (m, 1, k + 1, 3) of faces of k corners."""
-        axis = rows[:, -1]
+        axis = rows[:, -1] / self.length
         area, chords = area_vectors(rows[:, :-1])
         length = np.maximum(norm(area), TINY)[:, None]
         normal = area / length
         along = dot(normal, axis)
         # d(n.w) = (w - (n.w) n) . d(area) / |area|.
         slope = (axis - along[:, None] * normal) / length
-        jacobian = np.concatenate([cross(chords, slope[:, None]), normal[:, None]], axis=1)
+        by_axis = normal[:, None] / self.length
+        jacobian = np.concatenate([cross(chords, slope[:, None]), by_axis], axis=1)
         return (along - 1.0)[:, None], jacobian[:, None]
 
 

@@ -44,7 +44,7 @@ class EdgeParallel:
         vertices = Cone.vertices(mesh, np.unique(ends))
         row = np.full(mesh.topology.n_vertices, -1)
         row[vertices] = np.arange(len(vertices))
-        return cls({"vertices": ends, "axes": row[ends]}, mesh.mean_edge_length)
+        return cls({"vertices": ends, "axes": row[ends]}, mesh.mean_edge_length**2)
 
     def evaluate(self, rows: Floats) -> tuple[Floats, Floats]:
         """Residuals (E, 3) and Jacobian (E, 3, 4, 3)."""
