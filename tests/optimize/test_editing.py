@@ -99,6 +99,24 @@ def test_target_far_away_is_neared_by_an_edge_with_each_drag(kind):
     assert gaps == pytest.approx([2.6, 1.6, 0.6, 0.0], abs=0.02)
 
 
+@pytest.mark.parametrize("kind", ["conical", "circular"])
+def test_corner_dragged_far_out_finds_back(kind):
+    # Where the mesh does not follow, drags get shorter until it does.
+    editing, length = Editing.of(kind, VASE, [0]), VASE.mean_edge_length
+    home = VASE.vertices[[0]]
+    for way in np.random.default_rng(1).normal(size=(3, 3)):
+        target = editing.mesh.vertices[[0]]
+        for _ in range(20):
+            target = target + 0.25 * length * way / np.linalg.norm(way)
+            editing, _ = editing.dragged(target)
+        for _ in range(40):
+            editing, solution = editing.dragged(home)
+            if editing.gaps(home)[0] < 1e-3 * length:
+                break
+        assert solution.converged
+        assert editing.gaps(home)[0] < 1e-3 * length
+
+
 def test_same_drags_give_the_same_bytes():
     one, other = (
         [
