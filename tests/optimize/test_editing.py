@@ -138,6 +138,8 @@ def test_same_drags_give_the_same_bytes():
         ([], None, "at least one, each once; found"),
         ([-1], None, "Handles must be vertices 0..181"),
         ([182], None, "Handles must be vertices 0..181"),
+        ([1.5], None, r"found \[1.5\]"),
+        (["a"], None, "Handles must be vertices"),
         ([0], VASE.topology.is_boundary_vertex, "vertex 0 is fixed"),
     ],
 )

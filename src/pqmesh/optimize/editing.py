@@ -93,14 +93,15 @@ class Editing:
         >>> solution.converged, measures(editing.mesh)["cone_spread_max"] < 1e-6
         (True, True)
         """
-        chosen = np.asarray(handles, dtype=np.int64).reshape(-1)
-        count = mesh.topology.n_vertices
-        once = len(np.unique(chosen)) == len(chosen)
-        if not len(chosen) or chosen.min() < 0 or chosen.max() >= count or not once:
+        given, count = np.asarray(handles).reshape(-1), mesh.topology.n_vertices
+        whole = given.size and np.issubdtype(given.dtype, np.integer)
+        once = len(np.unique(given)) == len(given)
+        if not whole or given.min() < 0 or given.max() >= count or not once:
             raise SpecError(
                 f"Handles must be vertices 0..{count - 1} of the mesh, at least one, each once; "
-                f"found {chosen.tolist()}. Choose them among these."
+                f"found {given.tolist()}. Choose them among these."
             )
+        chosen = given.astype(np.int64)
         if fixed is not None and fixed[chosen].any():
             raise SpecError(
                 f"Handles must be free to move; vertex {int(chosen[fixed[chosen]][0])} is fixed. "
