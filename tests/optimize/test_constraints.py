@@ -627,3 +627,38 @@ def test_far_away_constraints_mean_the_same_places():
     assert there.converged
     # The start there is rounded to 5e-10.
     assert np.abs(there.blocks["vertices"] - shift - here.blocks["vertices"]).max() < 5e-7
+
+
+def with_a_quad_split():
+    """A bowl of 3 x 3 faces, the first in two triangles, and its vertices without one of theirs."""
+    x, y = np.meshgrid(np.arange(4.0), np.arange(4.0), indexing="ij")
+    quads = grid_mesh(np.stack([x, y, 0.1 * (x * x + y * y)], axis=-1))
+    a, b, c, d = quads.faces[0].tolist()
+    faces = [[a, b, c], [a, c, d], *quads.faces[1:].tolist()]
+    return PolyMesh.of(quads.vertices, faces), tuple(range(1, 16))
+
+
+@pytest.mark.parametrize("measure", ["width", "area"])
+def test_sizes_of_quads_are_kept_beside_triangles(measure):
+    mesh, vertices = with_a_quad_split()
+    reference = TriangleReference.of_polygons(mesh.vertices, mesh.topology.face_lists())
+    wide = PanelSizes(1.1, 1.2, measure, vertices=vertices)
+    found = optimized("planar", mesh, reference, constraints=Constraints((wide,)))
+    assert found.converged
+    corners = found.blocks["vertices"][
+        [face for face in mesh.topology.face_lists() if len(face) == 4]
+    ]
+    lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    sizes = 0.5 * (lengths[:, :2] + lengths[:, 2:])
+    if measure == "area":
+        across = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+        sizes = 0.5 * np.linalg.norm(across, axis=1)
+    assert 1.1 - 1e-9 < sizes.min() <= sizes.max() < 1.2 + 1e-9
+
+
+def test_sizes_of_panels_that_are_no_quads_are_refused_by_name():
+    mesh, _ = with_a_quad_split()
+    reference = TriangleReference.of_polygons(mesh.vertices, mesh.topology.face_lists())
+    asked = Constraints((PanelSizes(1.1),))
+    with pytest.raises(SpecError, match=r"asked of quads; 2 of the 10 .* first is face 0 with 3"):
+        optimized("planar", mesh, reference, constraints=asked)

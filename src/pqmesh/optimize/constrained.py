@@ -32,7 +32,7 @@ from pqmesh.optimize.terms import (
 )
 from pqmesh.optimize.terms.sizes import Range
 from pqmesh.surface.reference import Reference
-from pqmesh.vectors import Floats, Indices, unit
+from pqmesh.vectors import Floats, Indices, Mask, unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,7 +285,9 @@ def _(part: asked.Axis, mesh: PolyMesh, reference: Reference) -> list[_Wanted]:
 
 @_wanted.register
 def _(part: asked.EdgeLengths, mesh: PolyMesh, reference: Reference) -> list[_Wanted]:
-    edges = _between(mesh.edges, selected(part.vertices, mesh), mesh, "edge")
+    vertices = selected(part.vertices, mesh)
+    edges = np.flatnonzero(_mask(vertices, mesh)[mesh.edges].all(axis=1))
+    _check_some(edges, vertices, "edge")
     unit_length = 1.0 if part.relative else mesh.mean_edge_length
     bounds = Range.of(part.least, part.most, unit_length)
     term = EdgeLength.on(mesh, bounds, edges, relative=part.relative)
@@ -294,7 +296,7 @@ def _(part: asked.EdgeLengths, mesh: PolyMesh, reference: Reference) -> list[_Wa
 
 @_wanted.register
 def _(part: asked.PanelSizes, mesh: PolyMesh, reference: Reference) -> list[_Wanted]:
-    faces = _between(mesh.topology.quads, selected(part.vertices, mesh), mesh, "face")
+    faces = _quads_between(selected(part.vertices, mesh), mesh)
     length = mesh.mean_edge_length
     if part.measure == "width":
         bounds = Range.of(part.least, part.most, length)
@@ -316,14 +318,33 @@ def _(part: asked.FlatPolylines, mesh: PolyMesh, reference: Reference) -> list[_
     return [_Wanted(PlanarPolyline.on(mesh, chains), tolerance=1e-11, blocks=blocks)]
 
 
-def _between(rows: Indices, vertices: Indices, mesh: PolyMesh, name: str) -> Indices:
-    """Numbers of the edges or faces all of whose vertices are chosen."""
+def _quads_between(vertices: Indices, mesh: PolyMesh) -> Indices:
+    """Numbers of the faces all of whose vertices are chosen; they have to be quads."""
+    topology = mesh.topology
+    corners = _mask(vertices, mesh)[topology.indices]
+    faces = np.flatnonzero(np.logical_and.reduceat(corners, topology.offsets[:-1]))
+    _check_some(faces, vertices, "face")
+    odd = faces[topology.face_sizes[faces] != 4]
+    if len(odd):
+        raise SpecError(
+            f"Panel sizes must be asked of quads; {len(odd)} of the {len(faces)} faces chosen are "
+            f"none, the first is face {odd[0]} with {topology.face_sizes[odd[0]]} corners. Choose "
+            f"the vertices of quads."
+        )
+    return faces
+
+
+def _mask(vertices: Indices, mesh: PolyMesh) -> Mask:
+    """Which vertices (V,) are chosen."""
     chosen = np.zeros(mesh.topology.n_vertices, dtype=np.bool_)
     chosen[vertices] = True
-    found = np.flatnonzero(chosen[rows].all(axis=1))
+    return chosen
+
+
+def _check_some(found: Indices, vertices: Indices, name: str) -> None:
+    """Refuse sizes of no edge or face."""
     if not len(found):
         raise SpecError(
             f"A range of sizes must act on something; no {name} has all its vertices among the "
             f"{len(vertices)} chosen ones. Choose more."
         )
-    return found

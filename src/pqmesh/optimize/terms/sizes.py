@@ -88,8 +88,8 @@ class PanelWidth:
 
     @classmethod
     def on(cls, mesh: PolyMesh, bounds: Range, faces: Indices) -> Self:
-        """One element for each of the given faces (numbers of faces)."""
-        return cls({"vertices": mesh.topology.quads[faces]}, bounds)
+        """One element for each of the given faces (numbers of quads)."""
+        return cls({"vertices": _corners(mesh, faces)}, bounds)
 
     def evaluate(self, rows: Floats) -> tuple[Floats, Floats]:
         """Residuals (n, 2) and Jacobian (n, 2, 4, 3)."""
@@ -111,8 +111,8 @@ class PanelArea:
 
     @classmethod
     def on(cls, mesh: PolyMesh, bounds: Range, faces: Indices) -> Self:
-        """One element for each of the given faces (numbers of faces)."""
-        return cls({"vertices": mesh.topology.quads[faces]}, bounds)
+        """One element for each of the given faces (numbers of quads)."""
+        return cls({"vertices": _corners(mesh, faces)}, bounds)
 
     def evaluate(self, rows: Floats) -> tuple[Floats, Floats]:
         """Residuals (n, 1) and Jacobian (n, 1, 4, 3)."""
@@ -121,6 +121,12 @@ class PanelArea:
         by_p, by_q = 0.5 * cross(q, normal), 0.5 * cross(normal, p)
         gradient = np.stack([-by_p, -by_q, by_p, by_q], axis=1)[:, None]
         return self.bounds.compared(0.5 * double[:, None], gradient, np.ones((len(rows), 1)))
+
+
+def _corners(mesh: PolyMesh, faces: Indices) -> Indices:
+    """Corners (n, 4) of quads."""
+    topology = mesh.topology
+    return np.asarray(topology.indices[topology.offsets[faces][:, None] + np.arange(4)])
 
 
 def _lengths(vectors: Floats) -> tuple[Floats, Floats]:
