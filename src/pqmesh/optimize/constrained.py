@@ -296,7 +296,7 @@ def _(part: asked.EdgeLengths, mesh: PolyMesh, reference: Reference) -> list[_Wa
 
 @_wanted.register
 def _(part: asked.PanelSizes, mesh: PolyMesh, reference: Reference) -> list[_Wanted]:
-    faces = _quads_between(selected(part.vertices, mesh), mesh)
+    faces = _faces_between(selected(part.vertices, mesh), mesh)
     length = mesh.mean_edge_length
     if part.measure == "width":
         bounds = Range.of(part.least, part.most, length)
@@ -318,19 +318,12 @@ def _(part: asked.FlatPolylines, mesh: PolyMesh, reference: Reference) -> list[_
     return [_Wanted(PlanarPolyline.on(mesh, chains), tolerance=1e-11, blocks=blocks)]
 
 
-def _quads_between(vertices: Indices, mesh: PolyMesh) -> Indices:
-    """Numbers of the faces all of whose vertices are chosen; they have to be quads."""
+def _faces_between(vertices: Indices, mesh: PolyMesh) -> Indices:
+    """Numbers of the faces all of whose vertices are chosen."""
     topology = mesh.topology
     corners = _mask(vertices, mesh)[topology.indices]
     faces = np.flatnonzero(np.logical_and.reduceat(corners, topology.offsets[:-1]))
     _check_some(faces, vertices, "face")
-    odd = faces[topology.face_sizes[faces] != 4]
-    if len(odd):
-        raise SpecError(
-            f"Panel sizes must be asked of quads; {len(odd)} of the {len(faces)} faces chosen are "
-            f"none, the first is face {odd[0]} with {topology.face_sizes[odd[0]]} corners. Choose "
-            f"the vertices of quads."
-        )
     return faces
 
 

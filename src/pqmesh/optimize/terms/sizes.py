@@ -8,6 +8,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
+from pqmesh.errors import MeshError
 from pqmesh.mesh.quadmesh import PolyMesh
 from pqmesh.vectors import TINY, Floats, Indices, cross, norm
 
@@ -124,8 +125,15 @@ class PanelArea:
 
 
 def _corners(mesh: PolyMesh, faces: Indices) -> Indices:
-    """Corners (n, 4) of quads."""
+    """Corners (n, 4) of quads; raises MeshError for other faces."""
     topology = mesh.topology
+    odd = faces[topology.face_sizes[faces] != 4]
+    if len(odd):
+        raise MeshError(
+            f"Every face must be a quad where panel sizes are asked for; {len(odd)} of {len(faces)} "
+            f"are not, the first is face {odd[0]} with {topology.face_sizes[odd[0]]} corners. "
+            f"Choose the vertices of quads."
+        )
     return np.asarray(topology.indices[topology.offsets[faces][:, None] + np.arange(4)])
 
 
