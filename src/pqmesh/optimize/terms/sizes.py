@@ -131,8 +131,8 @@ def _corners(mesh: PolyMesh, faces: Indices) -> Indices:
     if len(odd):
         raise MeshError(
             f"Every face must be a quad where panel sizes are asked for; {len(odd)} of "
-            f"{len(faces)} are not, the first is face {odd[0]} with {topology.face_sizes[odd[0]]} corners. "
-            f"Choose the vertices of quads."
+            f"{len(faces)} are not, the first is face {odd[0]} with "
+            f"{topology.face_sizes[odd[0]]} corners. Choose the vertices of quads."
         )
     return np.asarray(topology.indices[topology.offsets[faces][:, None] + np.arange(4)])
 
