@@ -77,16 +77,11 @@ class SymmetricPattern:
     """
 
     def __init__(self, rows: Indices, columns: Indices, size: int) -> None:
-        own = np.arange(size)
-        keys = np.concatenate([columns * np.int64(size) + rows, own * np.int64(size + 1)])
-        unique, place = np.unique(keys, return_inverse=True)
-        self._place = place.reshape(-1)[: len(rows)]
-        column, self._rows = np.divmod(unique, size)
+        column, self._rows, self._place, self.diagonal = _stored(rows, columns, size)
         self._indptr = np.searchsorted(column, np.arange(size + 1))
         self._lower = self._rows >= column
         self._below = np.concatenate([[0], np.cumsum(self._lower)])[self._indptr]
         self.size = size
-        self.diagonal = np.searchsorted(unique, keys[len(rows) :])
         self._backend = _backend(size)
 
     def values(self, contributions: Floats) -> Floats:
@@ -128,12 +123,8 @@ class BlockPattern:
     """
 
     def __init__(self, rows: Indices, columns: Indices, size: int) -> None:
-        own = np.arange(size)
-        keys = np.concatenate([columns * np.int64(size) + rows, own * np.int64(size + 1)])
-        unique, place = np.unique(keys, return_inverse=True)
-        self.size, self.count = size, len(unique)
-        self.place, self.diagonal = place.reshape(-1)[:-size], place.reshape(-1)[-size:]
-        column, row = np.divmod(unique, max(size, 1))
+        column, row, self.place, self.diagonal = _stored(rows, columns, size)
+        self.size, self.count = size, len(row)
         self._order, self._rows, self._indptr = _scalar_columns(row, column, size)
         self._backend = _backend(3 * size)
 
@@ -150,6 +141,18 @@ class BlockPattern:
         data = entries.reshape(-1)[self._order]
         shape = (3 * self.size, 3 * self.size)
         return self._backend.factor(_Lower(csc_matrix((data, self._rows, self._indptr), shape)))
+
+
+def _stored(
+    rows: Indices, columns: Indices, size: int
+) -> tuple[Indices, Indices, Indices, Indices]:
+    """Columns and rows of what is stored, column by column; places of pairs and of the diagonal."""
+    own = np.arange(size)
+    keys = np.concatenate([columns * np.int64(size) + rows, own * np.int64(size + 1)])
+    unique, place = np.unique(keys, return_inverse=True)
+    place = place.reshape(-1)
+    column, row = np.divmod(unique, max(size, 1))
+    return column, row, place[: len(rows)], place[len(rows) :]
 
 
 def _scalar_columns(row: Indices, column: Indices, size: int) -> tuple[Indices, Any, Any]:
