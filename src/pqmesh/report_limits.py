@@ -200,7 +200,7 @@ def _reached(
     flat, circular = planarity(mesh), np.abs(circularity_defect(mesh))
     cones = fitted_cones(mesh)
     # Three faces at a vertex of the rim fix its axis, four leave none: no cone is asked for there.
-    inner = ~mesh.topology.is_boundary_vertex[mesh.edges].any(axis=1)
+    inner = mesh.topology.has_inner_ends
     edges = mesh.edges[inner]
     middles = mesh.vertices[edges].mean(axis=1)
     nothing, nowhere = np.empty(0), np.empty((0, 3))

@@ -221,6 +221,11 @@ class Topology:
         return read_only(mask, np.bool_)
 
     @cached_property
+    def has_inner_ends(self) -> Mask:
+        """Whether no end of an edge is on the boundary, shape (E,)."""
+        return read_only(~self.is_boundary_vertex[self.edges].any(axis=1), np.bool_)
+
+    @cached_property
     def valence(self) -> Indices:
         """Number of edges at each vertex, shape (V,)."""
         return read_only(np.bincount(self.edges.ravel(), minlength=self.n_vertices), np.int64)

@@ -71,15 +71,13 @@ def flat_edges(mesh: PolyMesh) -> Indices:
     >>> flat_edges(cube())
     array([], dtype=int64)
     """
-    inner = ~mesh.topology.is_boundary_vertex[mesh.edges].any(axis=1)
-    return np.flatnonzero(inner & (fold_sines(mesh) < FLAT))
+    return np.flatnonzero(mesh.topology.has_inner_ends & (fold_sines(mesh) < FLAT))
 
 
 def _with_their_lines(mesh: PolyMesh, edges: Indices) -> Indices:
     """All edges between inner vertices on the mesh polylines of some, rising."""
     lines = mesh.topology.polyline_of_edge
-    inner = ~mesh.topology.is_boundary_vertex[mesh.edges].any(axis=1)
-    return np.flatnonzero(inner & np.isin(lines, lines[edges]))
+    return np.flatnonzero(mesh.topology.has_inner_ends & np.isin(lines, lines[edges]))
 
 
 def is_skew(mesh: PolyMesh, edges: Indices) -> bool:
