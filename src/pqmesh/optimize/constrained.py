@@ -286,8 +286,8 @@ def _(part: asked.Axis, mesh: PolyMesh, reference: Reference) -> list[_Wanted]:
 @_wanted.register
 def _(part: asked.EdgeLengths, mesh: PolyMesh, reference: Reference) -> list[_Wanted]:
     vertices = selected(part.vertices, mesh)
-    edges = np.flatnonzero(_mask(vertices, mesh)[mesh.edges].all(axis=1))
-    _check_some(edges, vertices, "edge")
+    first, second = np.isin(mesh.edges, vertices).T
+    edges = _between(first & second, vertices, "edge")
     unit_length = 1.0 if part.relative else mesh.mean_edge_length
     bounds = Range.of(part.least, part.most, unit_length)
     term = EdgeLength.on(mesh, bounds, edges, relative=part.relative)
@@ -296,7 +296,10 @@ def _(part: asked.EdgeLengths, mesh: PolyMesh, reference: Reference) -> list[_Wa
 
 @_wanted.register
 def _(part: asked.PanelSizes, mesh: PolyMesh, reference: Reference) -> list[_Wanted]:
-    faces = _faces_between(selected(part.vertices, mesh), mesh)
+    vertices, topology = selected(part.vertices, mesh), mesh.topology
+    chosen = np.isin(topology.indices, vertices)
+    whole = np.logical_and.reduceat(chosen, topology.offsets[:-1])
+    faces = _between(whole, vertices, "face")
     length = mesh.mean_edge_length
     if part.measure == "width":
         bounds = Range.of(part.least, part.most, length)
@@ -318,26 +321,12 @@ def _(part: asked.FlatPolylines, mesh: PolyMesh, reference: Reference) -> list[_
     return [_Wanted(PlanarPolyline.on(mesh, chains), tolerance=1e-11, blocks=blocks)]
 
 
-def _faces_between(vertices: Indices, mesh: PolyMesh) -> Indices:
-    """Numbers of the faces all of whose vertices are chosen."""
-    topology = mesh.topology
-    corners = _mask(vertices, mesh)[topology.indices]
-    faces = np.flatnonzero(np.logical_and.reduceat(corners, topology.offsets[:-1]))
-    _check_some(faces, vertices, "face")
-    return faces
-
-
-def _mask(vertices: Indices, mesh: PolyMesh) -> Mask:
-    """Which vertices (V,) are chosen."""
-    chosen = np.zeros(mesh.topology.n_vertices, dtype=np.bool_)
-    chosen[vertices] = True
-    return chosen
-
-
-def _check_some(found: Indices, vertices: Indices, name: str) -> None:
-    """Refuse sizes of no edge or face."""
+def _between(chosen: Mask, vertices: Indices, name: str) -> Indices:
+    """Numbers of the edges or faces all of whose vertices are chosen; there has to be one."""
+    found = np.flatnonzero(chosen)
     if not len(found):
         raise SpecError(
             f"A range of sizes must act on something; no {name} has all its vertices among the "
             f"{len(vertices)} chosen ones. Choose more."
         )
+    return found
