@@ -7,6 +7,7 @@ EXTRAS := fast,viz,aec
 OUT := out
 # Tests run in so many processes, those of a file in one.
 JOBS ?= 2
+TESTS := $(BIN)/python -m pytest -n $(JOBS) --dist loadfile
 
 .DEFAULT_GOAL := help
 .PHONY: help setup roof test check verify bench docs clean
@@ -46,14 +47,14 @@ roof: $(VENV)/run.stamp
 	$(BIN)/python examples/roof/case_study.py $(OUT)/roof
 
 test: $(VENV)/test.stamp
-	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile
+	$(TESTS)
 
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check src tests examples benchmarks
 	$(BIN)/ruff check src tests examples benchmarks
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile
+	$(TESTS)
 
 verify: $(VENV)/bench.stamp
 	$(BIN)/python benchmarks/verify

@@ -221,7 +221,9 @@ class _Asked:
             if not solution.converged or self._distance(solution) > distance:
                 break
             best, weights, distance = solution, stronger, self._distance(solution)
-        return self._bounded(weights, first, within) or best if distance > within else best
+        if distance <= within:
+            return best
+        return self._bounded(weights, first, within) or best
 
     def _bounded(self, weights: Weights, first: PolyMesh, within: float) -> Solution | None:
         """The solution that is kept so near by a bound, where there is one."""

@@ -230,12 +230,11 @@ def _updated(
 ) -> tuple[State, Step]:
     """State after an accepted step: multipliers, penalty and damping follow."""
     moves = norm(taken.blocks["vertices"] - state.blocks["vertices"])
-    multipliers, hard = dict(state.multipliers), 0.0
-    for goal, own in zip(state.goals, taken.residuals, strict=True):
-        if goal.hard:
-            hard = max(hard, float(np.abs(goal.beyond(own)).max(initial=0.0)))
-            # A short step has not solved the inner problem; its multipliers would mislead.
-            if taken.share == 1.0 and not state.finishing:
+    multipliers, hard = dict(state.multipliers), hardest(state.goals, taken.residuals)
+    # A short step has not solved the inner problem; its multipliers would mislead.
+    if taken.share == 1.0 and not state.finishing:
+        for goal, own in zip(state.goals, taken.residuals, strict=True):
+            if goal.hard:
                 shift = multipliers.get(goal.name, 0.0) / state.penalty
                 multipliers[goal.name] = state.penalty * goal.beyond(own + shift, ROOM)
     penalty = state.penalty
